@@ -1,0 +1,263 @@
+"""An arm: URDF to Pinocchio model, forward kinematics and Jacobians of named frames."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from lcdata.errors import ArmError
+
+Array = NDArray[np.float64]
+
+LIMIT_TOLERANCE_RAD = np.deg2rad(1.0)
+"""Encoders of an arm at its end stop read a little beyond the limit of the data sheet."""
+
+
+def model_directory() -> Path:
+    """Folder of the arm models that come with the package, installed or in a checkout."""
+    installed = Path(__file__).parent / "arm_models"
+    return installed if installed.is_dir() else Path(__file__).parents[1] / "arm_models"
+
+
+def find_urdf(model: str | Path, relative_to: Path | None = None) -> Path:
+    """Path of an arm model's URDF.
+
+    Args:
+        model: A name in `arm_models/` (`"gen3_lite"`) or the path of a URDF file.
+        relative_to: Folder that a relative path starts from.
+
+    Raises:
+        ArmError: No such name and no such file.
+    """
+    named = model_directory() / str(model) / f"{model}.urdf"
+    if named.is_file():
+        return named
+    path = Path(model) if relative_to is None else relative_to / model
+    if path.suffix.lower() == ".urdf" and path.is_file():
+        return path.resolve()
+    names = sorted(p.name for p in model_directory().iterdir() if (p / f"{p.name}.urdf").is_file())
+    raise ArmError(
+        f"no arm model {str(model)!r}", f"give the path of a .urdf file or one of {', '.join(names)}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """A serial arm between two named frames.
+
+    Args:
+        urdf: Path of the URDF.
+        base_frame: Frame that the arm stands on, T_base_lidar's frame `base`.
+        effector_frame: Frame that carries the camera, T_camera_effector's frame `effector`.
+        joint_offsets: Radians added to the encoder's reading, by joint name.
+
+    Raises:
+        ArmError: Unreadable URDF, unknown frame, unknown joint in the offsets.
+    """
+
+    urdf: Path
+    base_frame: str = "base_link"
+    effector_frame: str = "end_effector_link"
+    joint_offsets: dict[str, float] = field(default_factory=dict)
+
+    model: Any = field(init=False, repr=False)
+    joint_names: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        import pinocchio
+
+        try:
+            model = pinocchio.buildModelFromUrdf(str(self.urdf))
+        except (ValueError, RuntimeError) as error:
+            raise ArmError(f"{self.urdf}: not a URDF ({_first_line(error)})") from error
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "joint_names", self._joints_between())
+        for name in self.joint_offsets:
+            if name not in self.joint_names:
+                raise ArmError(
+                    f"offset for joint {name!r}, which {self.urdf.name} does not have between "
+                    f"{self.base_frame} and {self.effector_frame}",
+                    f"its joints are {', '.join(self.joint_names)}",
+                )
+
+    @classmethod
+    def load(
+        cls,
+        model: str | Path = "gen3_lite",
+        *,
+        base_frame: str = "base_link",
+        effector_frame: str = "end_effector_link",
+        joint_offsets: Path | None = None,
+        relative_to: Path | None = None,
+    ) -> Arm:
+        """Arm by its model's name or URDF path; `joint_offsets` is a per-serial YAML."""
+        offsets = read_joint_offsets(joint_offsets) if joint_offsets else {}
+        return cls(find_urdf(model, relative_to), base_frame, effector_frame, offsets)
+
+    @property
+    def sha256(self) -> str:
+        """Checksum of the URDF file."""
+        return hashlib.sha256(self.urdf.read_bytes()).hexdigest()
+
+    def _frame_id(self, name: str) -> int:
+        if not self.model.existFrame(name):
+            frames = sorted(f.name for f in self.model.frames if f.name != "universe")
+            raise ArmError(
+                f"{self.urdf.name} has no frame {name!r}", f"its frames are {', '.join(frames)}"
+            )
+        return int(self.model.getFrameId(name))
+
+    def _joints_between(self) -> tuple[str, ...]:
+        """Names of the moving joints between base and effector, base first."""
+        model = self.model
+        base = model.frames[self._frame_id(self.base_frame)].parentJoint
+        joint = model.frames[self._frame_id(self.effector_frame)].parentJoint
+        on_path: list[str] = []
+        while joint not in (0, base):
+            on_path.append(model.names[joint])
+            joint = model.parents[joint]
+        if joint != base:
+            raise ArmError(
+                f"{self.urdf.name}: {self.effector_frame} does not hang on {self.base_frame}",
+                "choose frames of one chain",
+            )
+        return tuple(reversed(on_path))
+
+    def order(self, names: Sequence[str], positions: ArrayLike) -> Array:
+        """Positions in this arm's joint order.
+
+        Args:
+            names: JointState names in any order; names of other devices are ignored.
+            positions: (..., len(names)) in radians.
+
+        Returns:
+            (..., n) positions of `joint_names`.
+
+        Raises:
+            ArmError: A joint of the arm is not among the names.
+        """
+        positions = np.asarray(positions, float)
+        index = {name: i for i, name in enumerate(names)}
+        missing = [name for name in self.joint_names if name not in index]
+        if missing:
+            raise ArmError(
+                f"joint states lack {', '.join(missing)}; they have {', '.join(names)}",
+                f"{self.urdf.name} needs {', '.join(self.joint_names)}",
+            )
+        return np.asarray(positions[..., [index[name] for name in self.joint_names]])
+
+    def check_limits(self, positions: ArrayLike) -> None:
+        """Raise `ArmError` where a joint is outside its limits, naming joint, value and limit.
+
+        Args:
+            positions: (n,) encoder readings in the order of `joint_names`, radians.
+        """
+        for name, value in zip(self.joint_names, np.asarray(positions, float), strict=True):
+            if not np.isfinite(value):
+                raise ArmError(f"{name} is at {value}", "the joint states are damaged")
+            joint = self.model.joints[self.model.getJointId(name)]
+            if joint.nq != 1:  # continuous
+                continue
+            low = self.model.lowerPositionLimit[joint.idx_q]
+            high = self.model.upperPositionLimit[joint.idx_q]
+            if not low - LIMIT_TOLERANCE_RAD <= value <= high + LIMIT_TOLERANCE_RAD:
+                raise ArmError(
+                    f"{name} is at {np.rad2deg(value):.2f} deg, outside its limits "
+                    f"[{np.rad2deg(low):.2f}, {np.rad2deg(high):.2f}] deg",
+                    "is this the right arm model, and are the joint states in radians?",
+                )
+
+    def configuration(self, positions: ArrayLike) -> Array:
+        """Pinocchio's q of joint positions, joint offsets added.
+
+        Args:
+            positions: (n,) encoder readings in the order of `joint_names`, radians.
+
+        Returns:
+            (model.nq,); a continuous joint has cosine and sine.
+        """
+        import pinocchio
+
+        values = np.asarray(positions, float)
+        if values.shape != (len(self.joint_names),):
+            raise ArmError(
+                f"{values.shape} joint positions for {len(self.joint_names)} joints",
+                f"give one for each of {', '.join(self.joint_names)}",
+            )
+        q = pinocchio.neutral(self.model)
+        for name, value in zip(self.joint_names, values, strict=True):
+            angle = value + self.joint_offsets.get(name, 0.0)
+            joint = self.model.joints[self.model.getJointId(name)]
+            if joint.nq == 2:
+                q[joint.idx_q : joint.idx_q + 2] = np.cos(angle), np.sin(angle)
+            else:
+                q[joint.idx_q] = angle
+        return np.asarray(q)
+
+    def forward(self, positions: ArrayLike) -> Array:
+        """4x4 `T_base_effector` of (n,) joint positions in radians."""
+        import pinocchio
+
+        data = self.model.createData()
+        pinocchio.framesForwardKinematics(self.model, data, self.configuration(positions))
+        base = data.oMf[self._frame_id(self.base_frame)]
+        effector = data.oMf[self._frame_id(self.effector_frame)]
+        return np.asarray(base.actInv(effector).homogeneous)
+
+    def jacobian(self, positions: ArrayLike) -> Array:
+        """Jacobian of the effector frame in its own axes.
+
+        `forward(q + d) == forward(q) @ exp(jacobian(q) @ d)` to first order.
+
+        Args:
+            positions: (n,) radians.
+
+        Returns:
+            (6, n): translation (m/rad), then rotation (rad/rad), in the effector frame.
+        """
+        import pinocchio
+
+        data = self.model.createData()
+        full = pinocchio.computeFrameJacobian(
+            self.model,
+            data,
+            self.configuration(positions),
+            self._frame_id(self.effector_frame),
+            pinocchio.ReferenceFrame.LOCAL,
+        )
+        columns = [
+            self.model.joints[self.model.getJointId(name)].idx_v for name in self.joint_names
+        ]
+        return np.asarray(full[:, columns])
+
+
+def read_joint_offsets(path: Path) -> dict[str, float]:
+    """Joint offsets in radians of a per-serial YAML (`offsets_deg: {joint_1: 0.12, ...}`).
+
+    Raises:
+        ArmError: Not readable, or not of this form.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ArmError(f"{path}: cannot read joint offsets ({_first_line(error)})") from error
+    offsets = content.get("offsets_deg") if isinstance(content, dict) else None
+    if not isinstance(offsets, dict):
+        raise ArmError(
+            f"{path}: no key offsets_deg", "write offsets_deg: {joint_1: 0.12, ...} in degrees"
+        )
+    for name, value in offsets.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise ArmError(f"{path}: offset of {name} is {value!r}", "give degrees")
+    return {str(name): float(np.deg2rad(value)) for name, value in offsets.items()}
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,1 @@
+"""Lines in images and clouds, and their matching."""

@@ -1,0 +1,1 @@
+"""SE(3), Pluecker lines and camera models."""

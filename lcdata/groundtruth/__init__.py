@@ -1,0 +1,1 @@
+"""Extrinsics from the arm: the chain of links and its covariance."""

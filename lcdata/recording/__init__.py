@@ -1,0 +1,1 @@
+"""Recordings in: bags and folders to typed messages, dwells and pairs."""

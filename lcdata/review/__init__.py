@@ -1,0 +1,1 @@
+"""Data set and results as a Rerun recording."""
