@@ -44,7 +44,8 @@ def find_urdf(model: str | Path, relative_to: Path | None = None) -> Path:
         return path.resolve()
     names = sorted(p.name for p in model_directory().iterdir() if (p / f"{p.name}.urdf").is_file())
     raise ArmError(
-        f"no arm model {str(model)!r}", f"give the path of a .urdf file or one of {', '.join(names)}"
+        f"no arm model {str(model)!r}",
+        f"give the path of a .urdf file or one of {', '.join(names)}",
     )
 
 

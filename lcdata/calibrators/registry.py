@@ -47,7 +47,9 @@ def create(name: str, **parameters: Any) -> Calibrator:
             f"method {name!r} ({matching[0].value}) is not a Calibrator",
             "subclass lcdata.calibrators.Calibrator",
         )
-    known = [f.name for f in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
+    known: list[str] = (
+        [f.name for f in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
+    )
     for key in parameters:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1)

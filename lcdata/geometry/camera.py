@@ -146,7 +146,9 @@ class Camera:
                 z = front[:, 2]
                 projected = np.stack([fx * front[:, 0] / z + cx, fy * front[:, 1] / z + cy], 1)
             elif self.model == "fisheye":
-                projected = cv2.fisheye.projectPoints(front[:, None], zero, zero, self.K, D)[0][:, 0]
+                projected = cv2.fisheye.projectPoints(front[:, None], zero, zero, self.K, D)[0][
+                    :, 0
+                ]
             else:
                 projected = cv2.projectPoints(front, zero, zero, self.K, D)[0][:, 0]
                 projected[~self._inside_distortion_range(front)] = np.nan

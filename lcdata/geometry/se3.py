@@ -99,7 +99,8 @@ def from_xyz_xyzw(values: ArrayLike) -> Array:
     norm = float(np.linalg.norm(values[3:]))
     if abs(norm - 1.0) > 0.01:
         raise GeometryError(
-            f"quaternion {values[3:].tolist()} has norm {norm:.4g}", "give a unit quaternion x y z w"
+            f"quaternion {values[3:].tolist()} has norm {norm:.4g}",
+            "give a unit quaternion x y z w",
         )
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(values[3:]).as_matrix()

@@ -1,0 +1,111 @@
+"""The extrinsic of an arm pose and its covariance.
+
+    T_camera_lidar = T_camera_effector @ T_effector_base @ T_base_lidar
+
+PLK-Calib, section V-B (printed there as T_L^C = T_E^C T_B^E T_L^B). The first and last link are
+measured by hand, the middle one is the inverse of the arm's forward kinematics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lcdata.arm import Arm
+from lcdata.errors import RigError
+from lcdata.geometry import se3
+from lcdata.rig import Rig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTruth:
+    """Ground truth of one arm pose.
+
+    Args:
+        T_camera_lidar: 4x4, maps LiDAR points to camera points.
+        covariance: 6x6, translation (m) then rotation (rad), left perturbation in the camera
+            frame; NaN where it is unknown.
+        T_camera_effector: 4x4 hand-measured link; None without an arm.
+        T_effector_base: 4x4, inverse of the forward kinematics; None without an arm.
+        T_base_lidar: 4x4 hand-measured link; None without an arm.
+    """
+
+    T_camera_lidar: Array
+    covariance: Array
+    T_camera_effector: Array | None = None
+    T_effector_base: Array | None = None
+    T_base_lidar: Array | None = None
+
+
+def arm_truth(
+    rig: Rig,
+    arm: Arm,
+    positions: ArrayLike,
+    scatter: ArrayLike | None = None,
+    samples: int = 1,
+) -> PoseTruth:
+    """Ground truth of a dwell of the arm.
+
+    The covariance of `T_true = exp(xi) @ T_camera_lidar` sums three independent parts. With
+    X = T_camera_effector, A = T_effector_base, J the effector's Jacobian in its own axes, and
+    left perturbations of the two hand-measured links:
+
+        xi = xi_X - Ad(X) J dq + Ad(X A) xi_Z
+
+    What the encoders get wrong (zero point, gear, backlash) is the same in every sample of a
+    dwell, so the rig's encoder standard deviation does not shrink with the number of samples;
+    only the scatter within the dwell does.
+
+    Args:
+        rig: Hand-measured links with standard deviations, encoder standard deviation.
+        arm: Arm model.
+        positions: (n,) mean joint positions over the dwell in radians, in the arm's order.
+        scatter: (n,) standard deviation within the dwell in radians.
+        samples: Number of joint states in the dwell.
+
+    Raises:
+        RigError: The rig has no arm's links.
+        ArmError: A joint outside its limits, or not as many positions as joints.
+    """
+    if rig.T_camera_effector is None or rig.T_base_lidar is None:
+        raise RigError("the rig has no T_camera_effector and T_base_lidar", "add both")
+    positions = np.asarray(positions, float)
+    arm.check_limits(positions)
+    X, Z = rig.T_camera_effector.T, rig.T_base_lidar.T
+    A = se3.inverse(arm.forward(positions))
+    variance = np.full(positions.shape, np.deg2rad(rig.arm.encoder_std_deg) ** 2)
+    if scatter is not None:
+        variance = variance + np.square(np.asarray(scatter, float)) / max(samples, 1)
+    by_joints = se3.adjoint(X) @ arm.jacobian(positions)
+    by_lidar_link = se3.adjoint(X @ A)
+    covariance = (
+        rig.T_camera_effector.covariance
+        + (by_joints * variance) @ by_joints.T
+        + by_lidar_link @ rig.T_base_lidar.covariance @ by_lidar_link.T
+    )
+    return PoseTruth(X @ A @ Z, (covariance + covariance.T) / 2, X, A, Z)
+
+
+def static_truth(rig: Rig, T_camera_lidar: ArrayLike | None = None) -> PoseTruth:
+    """Ground truth of a recording without an arm.
+
+    Args:
+        rig: May give `T_camera_lidar`, which wins, with or without standard deviations.
+        T_camera_lidar: 4x4 of the recording's /tf_static.
+
+    Raises:
+        RigError: Neither gives an extrinsic.
+    """
+    if rig.T_camera_lidar is not None:
+        return PoseTruth(rig.T_camera_lidar.T, rig.T_camera_lidar.covariance)
+    if T_camera_lidar is None:
+        raise RigError(
+            "ground_truth: static, and no extrinsic in /tf_static",
+            "give T_camera_lidar (maps LiDAR points to camera points) in the rig",
+        )
+    T = se3.check_transform(T_camera_lidar, "T_camera_lidar of /tf_static")
+    return PoseTruth(T, np.full((6, 6), np.nan))

@@ -1,0 +1,342 @@
+"""rig.yaml: what was measured by hand, and how a recording is to be read."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
+
+from lcdata.errors import GeometryError, RigError
+from lcdata.geometry import se3
+from lcdata.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from lcdata.arm import Arm
+
+Array = NDArray[np.float64]
+Vector3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+def _three(value: Any) -> Any:
+    """One number stands for three equal ones."""
+    return (value,) * 3 if isinstance(value, int | float) else value
+
+
+Std3 = Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_three)]
+
+
+class Section(BaseModel):
+    """A part of the rig: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Link(Section):
+    """A transform measured by hand, with standard deviations.
+
+    Give either `matrix`, or `translation_m` with one of `rotation_xyzw` and `rotation_rpy_deg`
+    (as in URDF: about the fixed x, then y, then z axis). The standard deviations belong to a
+    left perturbation: for `T_a_b` they are along and about the axes of frame a.
+    """
+
+    matrix: tuple[tuple[float, ...], ...] | None = None
+    translation_m: Vector3 | None = None
+    rotation_xyzw: tuple[float, float, float, float] | None = None
+    rotation_rpy_deg: Vector3 | None = None
+    translation_std_m: Std3 | None = None
+    rotation_std_deg: Std3 | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bare_matrix(cls, value: Any) -> Any:
+        return {"matrix": value} if isinstance(value, list) else value
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        rotations = [r for r in (self.rotation_xyzw, self.rotation_rpy_deg) if r is not None]
+        if self.matrix is not None:
+            if rotations or self.translation_m is not None:
+                raise ValueError("give matrix, or translation_m and a rotation, not both")
+        elif self.translation_m is None or len(rotations) != 1:
+            raise ValueError(
+                "give matrix, or translation_m with one of rotation_xyzw, rotation_rpy_deg"
+            )
+        if (self.translation_std_m is None) != (self.rotation_std_deg is None):
+            raise ValueError("give both translation_std_m and rotation_std_deg, or neither")
+        try:
+            _ = self.T
+        except GeometryError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @property
+    def T(self) -> Array:
+        """The 4x4 transform."""
+        from scipy.spatial.transform import Rotation
+
+        if self.matrix is not None:
+            return se3.check_transform([list(row) for row in self.matrix])
+        if self.rotation_xyzw is not None:
+            return se3.from_xyz_xyzw([*(self.translation_m or ()), *self.rotation_xyzw])
+        T = np.eye(4)
+        angles = np.array(self.rotation_rpy_deg, float)
+        T[:3, :3] = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+        T[:3, 3] = self.translation_m
+        return se3.check_transform(T)
+
+    @property
+    def covariance(self) -> Array:
+        """6x6 covariance, translation (m) then rotation (rad); NaN where no std was given."""
+        if self.translation_std_m is None or self.rotation_std_deg is None:
+            return np.full((6, 6), np.nan)
+        std = [*self.translation_std_m, *np.deg2rad(self.rotation_std_deg)]
+        return np.diag(np.square(std))
+
+
+class CameraSection(Section):
+    """Intrinsics; replaces CameraInfo."""
+
+    model: str = "pinhole"
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    intrinsics: tuple[float, float, float, float]
+    distortion: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> Self:
+        try:
+            self.camera()
+        except GeometryError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def camera(self) -> Camera:
+        """The camera model."""
+        return Camera(self.model, self.width, self.height, self.intrinsics, self.distortion)
+
+
+class Topics(Section):
+    """Topic names; `auto` takes the only topic of the right type."""
+
+    lidar: str = "auto"
+    image: str = "auto"
+    camera_info: str = "auto"
+    joint_states: str = "auto"
+
+
+class ArmSection(Section):
+    """The arm that carries the camera."""
+
+    model: str = "gen3_lite"
+    base_frame: str = "base_link"
+    effector_frame: str = "end_effector_link"
+    joint_offsets: str | None = None
+    encoder_std_deg: NotNegative = 0.02
+
+
+class Pairing(Section):
+    """Which image belongs to a scan."""
+
+    tolerance_ms: Positive = 50.0
+
+
+class Dwells(Section):
+    """When the arm stands still."""
+
+    max_velocity_deg_s: Positive = 0.5
+    min_duration_s: Positive = 0.5
+    settle_s: NotNegative = 0.2
+
+
+class PointTime(Section):
+    """The cloud's per-point time, where the rule that finds it chooses wrongly."""
+
+    field: str = "auto"
+    unit: Literal["auto", "s", "ms", "us", "ns"] = "auto"
+
+
+class Rig(Section):
+    """Everything about a recording that the recording does not say itself."""
+
+    ground_truth: Literal["arm", "static"] = "arm"
+    note: str = ""
+    simulated: bool = False
+    topics: Topics = Topics()
+    camera: CameraSection | None = None
+    arm: ArmSection = ArmSection()
+    T_camera_effector: Link | None = None
+    T_base_lidar: Link | None = None
+    T_camera_lidar: Link | None = None
+    pairing: Pairing = Pairing()
+    dwells: Dwells = Dwells()
+    stamps: Literal["header", "bag"] = "header"
+    point_time: PointTime = PointTime()
+
+    _path: Path | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _links_of_the_mode(self) -> Self:
+        hand_measured = {
+            "T_camera_effector": self.T_camera_effector,
+            "T_base_lidar": self.T_base_lidar,
+        }
+        if self.ground_truth == "arm":
+            missing = [name for name, link in hand_measured.items() if link is None]
+            if missing:
+                raise ValueError(
+                    f"ground_truth: arm needs {' and '.join(missing)}; a recording without an arm "
+                    "needs ground_truth: static"
+                )
+            if self.T_camera_lidar is not None:
+                raise ValueError("T_camera_lidar goes with ground_truth: static")
+        else:
+            given = [name for name, link in hand_measured.items() if link is not None]
+            if given:
+                raise ValueError(f"{' and '.join(given)} go with ground_truth: arm")
+        return self
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder of the file it was read from, which its relative paths start from."""
+        return self._path.parent if self._path else None
+
+    def camera_model(self) -> Camera | None:
+        """The camera given here; None if CameraInfo is to be used."""
+        return self.camera.camera() if self.camera else None
+
+    def load_arm(self) -> Arm:
+        """The arm model with its joint offsets.
+
+        Raises:
+            ArmError: Unknown model or frame, unreadable offsets.
+        """
+        from lcdata.arm import Arm
+
+        offsets = self.arm.joint_offsets
+        return Arm.load(
+            self.arm.model,
+            base_frame=self.arm.base_frame,
+            effector_frame=self.arm.effector_frame,
+            joint_offsets=(self.folder or Path()) / offsets if offsets else None,
+            relative_to=self.folder,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as JSON and YAML take them; `from_dict` reads them back."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def to_yaml(self) -> str:
+        """The rig as a rig file."""
+        return yaml.safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None)
+
+    @classmethod
+    def from_dict(cls, content: Any, source: str = "rig") -> Rig:
+        """Rig of plain values.
+
+        Raises:
+            RigError: Naming key, value and what is allowed.
+        """
+        return _validated(content, source, None)
+
+
+def load_rig(path: Path) -> Rig:
+    """Read a rig file.
+
+    Raises:
+        RigError: Naming file, line, key, value and what is allowed.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise RigError(
+            f"no rig file {path}", "`lcdata info RECORDING` prints one to start from"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise RigError(f"{path}: cannot be read ({error})") from error
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark else ""
+        raise RigError(f"{path}{line}: not YAML ({getattr(error, 'problem', error)})") from error
+    rig = _validated({} if content is None else content, str(path), root)
+    rig._path = path.resolve()
+    return rig
+
+
+def _validated(content: Any, source: str, root: yaml.Node | None) -> Rig:
+    if not isinstance(content, dict):
+        raise RigError(
+            f"{source}: holds {type(content).__name__}, not keys with values",
+            "write at least `ground_truth: static`",
+        )
+    try:
+        return Rig.model_validate(content)
+    except ValidationError as error:
+        raise RigError(_describe(error, source, root)) from error
+
+
+def _describe(error: ValidationError, source: str, root: yaml.Node | None) -> str:
+    """The first error in one line: file:line, key, value, and what is allowed."""
+    first = error.errors()[0]
+    path = [part for part in first["loc"] if isinstance(part, str | int)]
+    line = _line_of(root, path)
+    where = f"{source}:{line}" if line else source
+    key = ".".join(map(str, path))
+    if first["type"] == "extra_forbidden":
+        known = _keys_at(path[:-1])
+        close = difflib.get_close_matches(str(path[-1]), known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
+        return f"{where}: unknown key {key}: {hint}"
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:] if message[:5] == "Input" else message
+    value = first["input"]
+    if not key:
+        return f"{where}: {message}"
+    shown = repr(value)
+    shown = shown if len(shown) <= 80 else shown[:77] + "..."
+    return f"{where}: {key} is {shown}: {message}"
+
+
+def _keys_at(path: Sequence[str | int]) -> list[str]:
+    """Keys that are allowed at a place in the rig."""
+    section: type[BaseModel] = Rig
+    for part in path:
+        annotation = section.model_fields[str(part)].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        section = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(section.model_fields)
+
+
+def _line_of(node: yaml.Node | None, path: Sequence[str | int]) -> int | None:
+    """Line of a key in the file, or of the deepest part of its path that is there."""
+    line = None
+    for part in path:
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                if key.value == str(part):
+                    line, node = key.start_mark.line + 1, value
+                    break
+            else:
+                break
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+            node = node.value[part] if part < len(node.value) else None
+            line = node.start_mark.line + 1 if node else line
+    return line
