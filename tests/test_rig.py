@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from lcdata.errors import LcdataError, RigError
+from lcdata.rig import Rig, load_rig
+
+ARM = """\
+ground_truth: arm
+topics: {lidar: /ouster/points}
+arm: {model: gen3_lite, effector_frame: tool_frame, encoder_std_deg: 0.05}
+T_camera_effector:
+  translation_m: [0.01, 0.02, -0.05]
+  rotation_rpy_deg: [0, 0, 90]
+  translation_std_m: 0.003
+  rotation_std_deg: [0.1, 0.2, 0.3]
+T_base_lidar:
+  matrix: [[1, 0, 0, 0.1], [0, 1, 0, 0], [0, 0, 1, 0.4], [0, 0, 0, 1]]
+  translation_std_m: [0.001, 0.002, 0.003]
+  rotation_std_deg: 0.5
+dwells: {max_velocity_deg_s: 1.0}
+"""
+
+
+def write(folder, text):
+    path = folder / "rig.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_one_line_is_enough_without_an_arm(tmp_path):
+    rig = load_rig(write(tmp_path, "ground_truth: static"))
+    assert (rig.ground_truth, rig.topics.lidar, rig.camera_model()) == ("static", "auto", None)
+
+
+def test_links_and_their_covariances(tmp_path):
+    rig = load_rig(write(tmp_path, ARM))
+    link = rig.T_camera_effector
+    np.testing.assert_allclose(
+        link.T[:3, :3], Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix(), atol=1e-12
+    )
+    np.testing.assert_allclose(link.T[:3, 3], [0.01, 0.02, -0.05])
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(link.covariance)),
+        [0.003, 0.003, 0.003, *np.deg2rad([0.1, 0.2, 0.3])],
+    )
+    assert rig.load_arm().effector_frame == "tool_frame"
+    assert rig.dwells.max_velocity_deg_s == 1.0
+    assert rig.dwells.min_duration_s == Rig(ground_truth="static").dwells.min_duration_s
+
+
+def test_a_rig_written_and_read_again_is_the_same(tmp_path):
+    rig = load_rig(write(tmp_path, ARM))
+    again = load_rig(write(tmp_path, rig.to_yaml()))
+    assert again.to_dict() == rig.to_dict()
+    assert Rig.from_dict(rig.to_dict()).to_dict() == rig.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ground_truth: static\ndwels: {}", r"rig.yaml:2: unknown key dwels: did you mean dwells"),
+        (
+            "ground_truth: static\n\ndwells:\n  max_velocty_deg_s: 3",
+            r":4: unknown key dwells.max_velocty_deg_s: did you mean max_velocity_deg_s",
+        ),
+        ("ground_truth: static\nzebra: 1", r":2: unknown key zebra: known are ground_truth"),
+        ("ground_truth: maybe", r":1: ground_truth is 'maybe': .*'arm' or 'static'"),
+        (
+            "ground_truth: static\npairing: {tolerance_ms: -4}",
+            r":2: pairing.tolerance_ms is -4: .*greater than 0",
+        ),
+        ("ground_truth: static\npairing: {tolerance_ms: .nan}", "finite"),
+        ("ground_truth: arm", "needs T_camera_effector and T_base_lidar"),
+        ("", "needs T_camera_effector"),
+        (ARM + "T_camera_lidar: [[1]]", "T_camera_lidar"),
+        ("ground_truth: static\nT_camera_lidar: {matrix: [[1, 0], [0, 1]]}", "shape"),
+        (
+            "ground_truth: static\nT_camera_lidar:\n  matrix: "
+            "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]",
+            "reflection",
+        ),
+        (
+            "ground_truth: static\nT_camera_lidar: {translation_m: [0, 0, 0], "
+            "rotation_xyzw: [0, 0, 0, 3]}",
+            "norm 3",
+        ),
+        ("ground_truth: static\nT_camera_lidar: {translation_m: [0, 0, 0]}", "rotation_xyzw"),
+        (
+            "ground_truth: static\ncamera: {width: 9, height: 9, intrinsics: [1, 1, 1, 1], "
+            "distortion: [1, 2]}",
+            "2 distortion coefficients",
+        ),
+        ("ground_truth: [", r":1: not YAML"),
+        ("- a\n- b", "holds list"),
+    ],
+)
+def test_mistakes_name_place_value_and_what_is_allowed(tmp_path, text, words):
+    with pytest.raises(RigError, match=words) as caught:
+        load_rig(write(tmp_path, text))
+    assert str(caught.value).count("\n") == 0
+    assert "rig.yaml" in str(caught.value)
+
+
+def test_a_missing_file_names_the_command_that_prints_one(tmp_path):
+    with pytest.raises(RigError, match="lcdata info"):
+        load_rig(tmp_path / "rig.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RigError, match="cannot be read"):
+        load_rig(tmp_path / "binary.yaml")
+
+
+yaml_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(
+            st.sampled_from(["matrix", "model", "width", "unit", "field", "x"]), inner
+        )
+    ),
+    max_leaves=6,
+)
+
+
+@given(st.dictionaries(st.sampled_from([*Rig.model_fields, "other"]), yaml_values, max_size=4))
+def test_whatever_a_file_holds_the_answer_is_a_rig_or_one_line(content):
+    try:
+        Rig.from_dict(content)
+    except LcdataError as error:
+        assert "\n" not in str(error)
