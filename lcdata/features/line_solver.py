@@ -1,0 +1,209 @@
+"""Extrinsic from matched lines: PLK-Calib's Method I (joint) and Method II (decoupled).
+
+Both are iteratively reweighted least squares with a Cauchy loss a line, in the left perturbation
+of `lcdata.geometry.se3`. Image lines are in normalised coordinates ((u - cu)/fu, (v - cv)/fv), so
+that pairs of different cameras can be solved together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.geometry import pluecker
+from lcdata.geometry.se3 import exp, skew
+
+Array = NDArray[np.float64]
+
+ROTATION_RATIO = 0.02
+"""Smallest over largest singular value of the rows R v x n' below which rotation is degenerate."""
+
+TRANSLATION_RATIO = 0.01
+"""The same of the rows n', for translation."""
+
+CAUCHY_SCALE = 2.0
+"""Residual, in standard deviations, at which a line's weight has fallen to one half."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Matched lines of one pair, or of several with the same extrinsic.
+
+    Args:
+        segments: (N, 2, 3) in the LiDAR frame, metres.
+        image: (N, 2, 2) matched image segments, normalised coordinates.
+        sigma: (N,) expected standard deviation of a residual, normalised coordinates.
+    """
+
+    segments: Array
+    image: Array
+    sigma: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A pose and its fit.
+
+    Args:
+        T_camera_lidar: 4x4.
+        covariance: 6x6, left perturbation, metres and radians; infinite where undetermined.
+        weights: (N,) robust weight of each line, 0..1.
+        cost: Mean robust cost of a line, squared standard deviations.
+    """
+
+    T_camera_lidar: Array
+    covariance: Array
+    weights: Array
+    cost: float
+
+
+Solver = Callable[[Problem, Array], Solution]
+
+
+def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+    """Method I: Levenberg-Marquardt on the residuals of eq. (4).
+
+    Args:
+        problem: Three lines or more.
+        T_initial: 4x4.
+        iterations: At most so many steps.
+    """
+    n, v = pluecker.from_points(problem.segments)
+    inverse_sigma = 1.0 / problem.sigma
+
+    def evaluate(T: Array) -> tuple[Array, Array, Array, float]:
+        r, J = pluecker.projection_residuals(T, n, v, np.eye(3), problem.image)
+        r *= inverse_sigma[:, None]
+        weights, cost = _cauchy(0.5 * (r * r).sum(1))
+        return r, J * inverse_sigma[:, None, None], weights, cost
+
+    T = np.array(T_initial, float)
+    r, J, weights, cost = evaluate(T)
+    damping = 1e-4
+    for _ in range(iterations):
+        weighted = J * weights[:, None, None]
+        H = np.einsum("nki,nkj->ij", weighted, J)
+        gradient = np.einsum("nki,nk->i", weighted, r)
+        step = -np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient, rcond=1e-15)[0]
+        T_next = exp(step) @ T
+        r_next, J_next, weights_next, cost_next = evaluate(T_next)
+        if cost_next > cost:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+            continue
+        done = cost - cost_next < 1e-9 * cost
+        T, r, J, weights, cost = T_next, r_next, J_next, weights_next, cost_next
+        damping = max(damping * 0.1, 1e-9)
+        if done:
+            break
+    weighted = J * weights[:, None, None]
+    H = np.einsum("nki,nkj->ij", weighted, J)
+    variance = _variance(r, weights, 6)
+    return Solution(T, _invert(H, variance), weights, cost)
+
+
+def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+    """Method II: rotation from co-perpendicularity, then translation by linear least squares.
+
+    The rotation minimises (11) with v / sqrt(|p1|^2 + |p2|^2), which gives each line the standard
+    deviation of its image end points. The translation solves n'^T (R p_mid + p) = 0, weighted by
+    1 / |p_mid|, instead of (14), which an inexact rotation biases. Only the robust weight of a
+    line is shared by the two, so they alternate until it settles.
+
+    Args:
+        problem: Three lines or more.
+        T_initial: 4x4; only its rotation and the robust weights at it matter.
+        iterations: At most so many alternations.
+    """
+    n_image = pluecker.back_project(np.eye(3), problem.image)
+    p1, p2 = problem.segments[:, 0], problem.segments[:, 1]
+    middle = 0.5 * (p1 + p2)
+    range_both = np.sqrt((p1**2).sum(1) + (p2**2).sum(1)) * problem.sigma
+    v = (p2 - p1) / range_both[:, None]
+    range_middle = np.linalg.norm(middle, axis=1) * problem.sigma / np.sqrt(2)
+    A = n_image / range_middle[:, None]
+
+    T = np.array(T_initial, float)
+    for _ in range(iterations):
+        r, J = pluecker.co_perpendicular_residuals(T[:3, :3], v, n_image)
+        b = np.einsum("nc,nc->n", A, middle @ T[:3, :3].T)
+        t = A @ T[:3, 3] + b
+        weights, cost = _cauchy(0.5 * (r * r + t * t))
+        theta = -np.linalg.lstsq(J * weights[:, None] ** 0.5, r * weights**0.5, rcond=1e-12)[0]
+        R = exp(np.concatenate([np.zeros(3), theta]))[:3, :3] @ T[:3, :3]
+        b = np.einsum("nc,nc->n", A, middle @ R.T)
+        p = -np.linalg.lstsq(A * weights[:, None] ** 0.5, b * weights**0.5, rcond=1e-12)[0]
+        moved = float(np.abs(theta).max()) + 0.1 * float(np.abs(p - T[:3, 3]).max())
+        T[:3, :3], T[:3, 3] = R, p
+        if moved < 1e-8:
+            break
+
+    R, p = T[:3, :3], T[:3, 3]
+    r, J = pluecker.co_perpendicular_residuals(R, v, n_image)
+    t = A @ p + np.einsum("nc,nc->n", A, middle @ R.T)
+    weights, cost = _cauchy(0.5 * (r * r + t * t))
+    W = weights[:, None]
+    cov_theta = _invert((J * W).T @ J, _variance(r[:, None], weights, 3))
+    # The mean and the difference of a line's two end-point errors are independent of each other.
+    H = (A * W).T @ A
+    cov_p = _invert(H, _variance(t[:, None], weights, 3))
+    B = np.cross(middle @ R.T, A)
+    G = -np.linalg.lstsq(H, (A * W).T @ B, rcond=1e-15)[0] + skew(p)
+    return Solution(
+        T,
+        np.block([[cov_p + G @ cov_theta @ G.T, G @ cov_theta], [cov_theta @ G.T, cov_theta]]),
+        weights,
+        cost,
+    )
+
+
+def singular_ratios(problem: Problem, T: Array, weights: Array) -> tuple[float, float]:
+    """How well the lines determine rotation and translation, whatever their noise.
+
+    Args:
+        problem: The matched lines.
+        T: 4x4 `T_camera_lidar`.
+        weights: (N,) robust weights.
+
+    Returns:
+        Smallest over largest singular value of the rows R v x n' and of the rows n'.
+    """
+    n_image = pluecker.back_project(np.eye(3), problem.image)
+    v = problem.segments[:, 1] - problem.segments[:, 0]
+    v /= np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
+    rows = np.cross(v @ T[:3, :3].T, n_image)
+    root = np.sqrt(weights)[:, None]
+    ratios = []
+    for matrix in (rows * root, n_image * root):
+        values = np.linalg.svd(matrix, compute_uv=False)
+        ratios.append(float(values[2] / values[0]) if len(values) > 2 and values[0] > 0 else 0.0)
+    return ratios[0], ratios[1]
+
+
+def _cauchy(squared: Array) -> tuple[Array, float]:
+    """Weights and mean cost of squared residuals in standard deviations."""
+    scaled = squared / CAUCHY_SCALE**2
+    return 1.0 / (1.0 + scaled), float(CAUCHY_SCALE**2 * np.log1p(scaled).mean())
+
+
+def _variance(residuals: Array, weights: Array, unknowns: int) -> float:
+    """Variance of unit weight from the scatter of the residuals, at least 1.
+
+    The expected noise is the floor: a few lines that happen to fit well prove nothing.
+    """
+    freedom = residuals.shape[1] * weights.sum() - unknowns
+    if freedom < 1.0:
+        return 1.0
+    return max(1.0, float((weights[:, None] * residuals**2).sum() / freedom))
+
+
+def _invert(H: Array, variance: float) -> Array:
+    """Covariance of an information matrix; infinite variances where it is singular."""
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
+    values = np.maximum(values, 1e-14)
+    return np.asarray(variance * ((vectors / values) @ vectors.T) / np.outer(scale, scale))
