@@ -33,6 +33,9 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
+RIG_FILE = "rig.yaml"
+
+
 def _three(value: Any) -> Any:
     """One number stands for three equal ones."""
     return (value,) * 3 if isinstance(value, int | float) else value
@@ -253,6 +256,14 @@ class Rig(Section):
             RigError: Naming key, value and what is allowed.
         """
         return _validated(content, source, None)
+
+
+def find_rig(recordings: Path) -> Path | None:
+    """The rig file of a recording or a folder of recordings: inside it, or beside it."""
+    for folder in (recordings, recordings.resolve().parent):
+        if (folder / RIG_FILE).is_file():
+            return folder / RIG_FILE
+    return None
 
 
 def load_rig(path: Path) -> Rig:

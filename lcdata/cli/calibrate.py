@@ -1,0 +1,68 @@
+"""lcdata calibrate."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from lcdata.cli.common import (
+    EXIT_SOME_FAILED,
+    DatasetPath,
+    Jobs,
+    JsonFlag,
+    guarded,
+    names,
+    print_json,
+    progress_bar,
+)
+
+EXAMPLE = "lcdata calibrate dataset --methods projection,plk --trials 3"
+
+Methods = Annotated[str, typer.Option(help="Method names, with commas.")]
+InitRotation = Annotated[
+    float, typer.Option(min=0, help="Error of the initial guess about each axis, deg.")
+]
+InitTranslation = Annotated[
+    float, typer.Option(min=0, help="Error of the initial guess along each axis, m.")
+]
+Trials = Annotated[int, typer.Option(min=1, help="Initial guesses a pair.")]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same initial guesses.")]
+DEFAULT_METHODS = "projection,plk"
+
+
+@guarded
+def calibrate(
+    dataset: DatasetPath,
+    methods: Methods = DEFAULT_METHODS,
+    init_rotation: InitRotation = 5.0,
+    init_translation: InitTranslation = 0.5,
+    trials: Trials = 1,
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Run methods from perturbed initial guesses and store the results."""
+    from lcdata.dataset import Dataset
+    from lcdata.evaluation import run_trials, summary_lines
+
+    opened = Dataset.open(dataset)
+    with progress_bar(quiet=as_json) as progress:
+        results = run_trials(
+            opened,
+            names(methods),
+            init_rotation_deg=init_rotation,
+            init_translation_m=init_translation,
+            trials=trials,
+            seed=seed,
+            jobs=jobs,
+            progress=progress,
+        )
+    if as_json:
+        print_json(results.to_dict())
+    else:
+        print("\n".join(summary_lines(results)))
+    if results.failures:
+        for failure in results.failures:
+            typer.echo(f"lcdata: {failure}", err=True)
+        raise typer.Exit(EXIT_SOME_FAILED)

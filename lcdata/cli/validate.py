@@ -1,0 +1,25 @@
+"""lcdata validate."""
+
+from __future__ import annotations
+
+import typer
+
+from lcdata.cli.common import EXIT_SOME_FAILED, DatasetPath, JsonFlag, guarded, print_json
+
+EXAMPLE = "lcdata validate dataset"
+
+
+@guarded
+def validate(dataset: DatasetPath, as_json: JsonFlag = False) -> None:
+    """Check a data set: schema, checksums, geometry."""
+    from lcdata.dataset.validate import validate as find_problems
+
+    problems = find_problems(dataset)
+    if as_json:
+        print_json({"dataset": dataset, "valid": not problems, "problems": problems})
+    else:
+        for problem in problems:
+            print(problem)
+        print(f"{dataset}: {len(problems)} problems" if problems else f"{dataset}: valid")
+    if problems:
+        raise typer.Exit(EXIT_SOME_FAILED)
