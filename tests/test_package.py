@@ -13,12 +13,12 @@ PACKAGE = ROOT / "lcdata"
 
 # Rooms from the ground up; a file imports from its own room and from floors below it only.
 FLOORS = {
-    "errors": 1,
-    "geometry": 1,
-    "arm": 1,
-    "rig": 1,
-    "pair": 1,
-    "open3d_loader": 1,
+    "errors": 1.0,
+    "geometry": 1.1,
+    "arm": 1.2,
+    "pair": 1.2,
+    "open3d_loader": 1.2,
+    "rig": 1.3,
     "recording": 2,
     "groundtruth": 2,
     "features": 2,
@@ -63,7 +63,7 @@ def test_a_file_imports_from_its_room_and_from_floors_below_only(path):
         other = room(module)
         if other == "__init__":  # the version
             continue
-        assert other == own or FLOORS[other] < FLOORS[own] or {own, other} <= {"rig", "arm"}, (
+        assert other == own or FLOORS[other] < FLOORS[own], (
             f"{own} (floor {FLOORS[own]}) imports {module} (floor {FLOORS[other]})"
         )
 
@@ -73,7 +73,7 @@ def test_importing_the_package_and_the_command_line_loads_nothing_heavy():
         "import sys, lcdata, lcdata.cli, lcdata.cli.app;"
         "heavy = {'numpy', 'scipy', 'cv2', 'numba', 'pinocchio', 'open3d', 'rerun', 'pyarrow',"
         "'matplotlib', 'rosbags', 'pydantic'} & set(sys.modules);"
-        "sys.exit(','.join(sorted(heavy)))"
+        "sys.exit(','.join(sorted(heavy)) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"loaded at start-up: {done.stderr}"
