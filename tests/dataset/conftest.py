@@ -1,0 +1,13 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import small_dataset as small
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A small data set."""
+    small.write(tmp_path / "set")
+    return tmp_path / "set"
