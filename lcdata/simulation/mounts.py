@@ -1,0 +1,79 @@
+"""The tower: the rig as measured by hand, and the mounts as they truly are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from lcdata.errors import SimulationError
+from lcdata.geometry import se3
+from lcdata.rig import Link, Rig
+
+Array = NDArray[np.float64]
+
+RIG = """\
+ground_truth: arm
+note: Simulated tower with an Ouster OS1-128, a ZED 2i-like camera and a Kinova Gen3 lite.
+simulated: true
+arm: {model: gen3_lite, base_frame: base_link, effector_frame: end_effector_link, encoder_std_deg: 0.02}
+T_camera_effector:
+  translation_m: [0.062, 0.041, -0.035]
+  rotation_rpy_deg: [1.5, -2.0, 90.0]
+  translation_std_m: 0.003
+  rotation_std_deg: 0.3
+T_base_lidar:
+  translation_m: [-0.18, 0.03, 0.82]
+  rotation_rpy_deg: [0.5, 1.0, -2.0]
+  translation_std_m: 0.004
+  rotation_std_deg: 0.3
+"""
+"""What somebody with a ruler and a level wrote down about the simulated tower."""
+
+
+def default_rig() -> Rig:
+    """The simulated tower as measured by hand."""
+    return Rig.from_dict(yaml.safe_load(RIG), "the simulator's rig")
+
+
+@dataclass(frozen=True, eq=False)
+class Mounts:
+    """Two rigid links of the tower.
+
+    Args:
+        T_camera_effector: 4x4.
+        T_base_lidar: 4x4.
+    """
+
+    T_camera_effector: Array
+    T_base_lidar: Array
+
+
+def true_mounts(rig: Rig, seed: int) -> Mounts:
+    """Where the sensors truly sit: off the rig's values by errors drawn from its deviations.
+
+    They depend on the rig and the seed only, so that all scenarios of one seed share a tower.
+
+    Raises:
+        SimulationError: The rig is not of an arm or has no standard deviations.
+    """
+    camera, lidar = rig.T_camera_effector, rig.T_base_lidar
+    if camera is None or lidar is None:
+        raise SimulationError(
+            f"the rig has ground_truth: {rig.ground_truth}", "a simulation needs ground_truth: arm"
+        )
+    rng = np.random.default_rng([seed, crc32(b"mounts")])
+    return Mounts(_moved(camera, "T_camera_effector", rng), _moved(lidar, "T_base_lidar", rng))
+
+
+def _moved(link: Link, name: str, rng: np.random.Generator) -> Array:
+    if not np.isfinite(link.covariance).all():
+        raise SimulationError(
+            f"{name} has no standard deviations to draw its error from",
+            "give translation_std_m and rotation_std_deg",
+        )
+    xi = rng.normal(size=6) * np.sqrt(np.diag(link.covariance))
+    return se3.exp(xi) @ link.T
