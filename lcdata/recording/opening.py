@@ -1,0 +1,142 @@
+"""A path to a storage: which reader, which salvage."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from lcdata.errors import RecordingError
+from lcdata.recording.salvage import Scanned
+from lcdata.recording.storage import (
+    COMPRESSED_SUFFIXES,
+    Indexed,
+    Storage,
+    TopicInfo,
+    describe,
+    read_errors,
+)
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+
+
+def storage_suffix(path: Path) -> str:
+    """`.bag`, `.mcap` or `.db3`, also before `.zstd` and `.active`; `""` for other files."""
+    name = path.name
+    for ending in (*COMPRESSED_SUFFIXES, ".active"):
+        name = name.removesuffix(ending)
+    return next((suffix for suffix in SUFFIXES if name.endswith(suffix)), "")
+
+
+def open_storage(path: Path) -> Storage:
+    """Open a bag file, a ROS 2 storage file or a ROS 2 folder.
+
+    Raises:
+        RecordingError: Nothing in it can be read.
+    """
+    try:
+        if path.is_dir():
+            return _open_folder(path)
+        with path.open("rb") as file:
+            if not file.read(1):
+                raise RecordingError(f"{path} is empty (0 bytes)", "remove it or copy it again")
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be opened ({error.strerror})") from error
+    suffix = storage_suffix(path)
+    if not suffix:
+        raise RecordingError(
+            f"{path} is not a recording", f"give a ROS 2 folder or a file {', '.join(SUFFIXES)}"
+        )
+    if path.suffix in COMPRESSED_SUFFIXES:
+        return _open_compressed(path)
+    try:
+        return Indexed(path)
+    except read_errors() as error:
+        return Scanned(path, suffix, describe(error))
+
+
+def _open_folder(path: Path) -> Storage:
+    """A ROS 2 folder; if it is damaged, those of its files that can be read."""
+    try:
+        return Indexed(path)
+    except read_errors() as error:
+        problems = [f"{path}: {describe(error)}"]
+    files = [f for f in path.iterdir() if storage_suffix(f)]
+    parts: list[Storage] = []
+    for file in sorted(files, key=lambda f: (len(f.name), f.name)):  # _2 before _10
+        try:
+            parts.append(open_storage(file))
+        except RecordingError as error:
+            problems.append(error.message)
+    if not parts:
+        raise RecordingError("; ".join(problems), "copy or record it again")
+    return Chain(parts, problems)
+
+
+def _open_compressed(path: Path) -> Storage:
+    """A file compressed as a whole is unpacked into a temporary folder first."""
+    import zstandard
+
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lcdata-"))
+        unpacked = Path(folder) / path.stem
+        problem = ""
+        with path.open("rb") as source, unpacked.open("wb") as target:
+            try:
+                zstandard.ZstdDecompressor().copy_stream(source, target)
+            except zstandard.ZstdError as error:
+                problem = describe(error)
+        if not unpacked.stat().st_size:
+            raise RecordingError(
+                f"{path} cannot be decompressed ({problem or 'it is cut off'})",
+                "copy or record it again",
+            )
+        return Chain([open_storage(unpacked)], [], stack.pop_all(), (str(unpacked), str(path)))
+
+
+class Chain:
+    """Several storages, one after the other.
+
+    Args:
+        parts: The storages.
+        problems: Lines to begin `problems` with.
+        stack: What to close in the end.
+        renamed: A path in the parts' problems, and what to show instead of it.
+    """
+
+    def __init__(
+        self,
+        parts: list[Storage],
+        problems: list[str],
+        stack: ExitStack | None = None,
+        renamed: tuple[str, str] = ("", ""),
+    ) -> None:
+        self._parts, self._problems = parts, problems
+        self._stack, self._renamed = stack or ExitStack(), renamed
+        self.topics: dict[str, TopicInfo] = {}
+        for info in (info for part in parts for info in part.topics.values()):
+            known = self.topics.setdefault(info.name, replace(info, count=0))
+            self.topics[info.name] = replace(known, count=known.count + info.count)
+        filled = [part for part in parts if part.end_ns]
+        self.start_ns = min((part.start_ns for part in filled), default=0)
+        self.end_ns = max((part.end_ns for part in filled), default=0)
+
+    @property
+    def problems(self) -> list[str]:
+        """Problems of all parts."""
+        unpacked, path = self._renamed
+        lines = [line for part in self._parts for line in part.problems]
+        return [*self._problems, *(ln.replace(unpacked, path) if path else ln for ln in lines)]
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, memoryview]]:
+        """Topic, the recorder's stamp in ns, and bytes of each message of some topics."""
+        for part in self._parts:
+            yield from part.messages(topics)
+
+    def close(self) -> None:
+        """Release files and remove temporary ones."""
+        for part in self._parts:
+            part.close()
+        self._stack.close()

@@ -1,0 +1,256 @@
+"""What `build` takes from a recording: stamps first, then poses and their pairs."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.recording.dwells import Dwell
+from lcdata.recording.messages import CameraInfo, Cloud, Image, JointState
+from lcdata.recording.pairing import pair_stamps, select
+from lcdata.recording.source import Recording
+from lcdata.recording.topics import Topics
+
+if TYPE_CHECKING:
+    from lcdata.arm import Arm
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+LONGEST_SCAN_NS = 200_000_000
+"""A rotating LiDAR turns 5 times a second or faster; a lower rate is a thinned recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Stamps and joint positions of a recording, read in one pass.
+
+    Args:
+        lidar_ns: (L,) stamps of scans, sorted, each once.
+        image_ns: (M,) stamps of images, sorted, each once.
+        joint_ns: (J,) stamps of the arm's joint states, as recorded.
+        positions: (J, n) radians in the arm's joint order.
+        camera_info: The first one.
+        clock_ns: By topic, (N,) header stamp minus recorder's stamp of each message; empty if
+            the recorder's stamps are used.
+    """
+
+    lidar_ns: Stamps
+    image_ns: Stamps
+    joint_ns: Stamps
+    positions: Array
+    camera_info: CameraInfo | None
+    clock_ns: dict[str, Stamps] = field(default_factory=dict)
+
+
+def survey(recording: Recording, topics: Topics, arm: Arm | None = None) -> Survey:
+    """Read all stamps and, with an arm, all joint positions. Clouds and images stay closed.
+
+    Args:
+        recording: An open recording.
+        topics: What to read.
+        arm: Whose joints to look for; joint states of other devices on the topic are left out.
+
+    Raises:
+        ArmError: No joint state has all joints of the arm.
+    """
+    stamps = {topic: array("q") for topic in topics.names()}
+    bag = {topic: array("q") for topic in topics.names()}
+    joint_ns, positions = array("q"), array("d")
+    camera_info: CameraInfo | None = None
+    foreign: JointState | None = None
+    orders: dict[tuple[str, ...], list[int] | None] = {}
+    for topic, stamp_ns, bag_ns, raw in recording.serialised(topics.names()):
+        stamps[topic].append(stamp_ns)
+        bag[topic].append(bag_ns)
+        if topic == topics.camera_info and camera_info is None:
+            message = recording.read(topic, raw, stamp_ns, bag_ns)
+            camera_info = message if isinstance(message, CameraInfo) else None
+        elif topic == topics.joint_states and arm is not None:
+            message = recording.read(topic, raw, stamp_ns, bag_ns)
+            if not isinstance(message, JointState):
+                continue
+            if message.names not in orders:
+                orders[message.names] = _order(arm.joint_names, message.names)
+            order = orders[message.names]
+            if order is None:
+                foreign = message
+                continue
+            joint_ns.append(stamp_ns)
+            positions.extend(message.positions[order])
+    if arm is not None and foreign is not None and not joint_ns:
+        arm.order(foreign.names, foreign.positions)  # raises, naming the joints
+    joints = len(arm.joint_names) if arm else 0
+    return Survey(
+        np.unique(np.array(stamps[topics.lidar], np.int64)),
+        np.unique(np.array(stamps[topics.image], np.int64)),
+        np.array(joint_ns, np.int64),
+        np.array(positions, np.float64).reshape(-1, joints) if joints else np.empty((0, 0)),
+        camera_info,
+        {t: np.array(stamps[t], np.int64) - np.array(bag[t], np.int64) for t in stamps},
+    )
+
+
+def _order(wanted: Sequence[str], names: Sequence[str]) -> list[int] | None:
+    index = {name: i for i, name in enumerate(names)}
+    return [index[name] for name in wanted] if all(n in index for n in wanted) else None
+
+
+@dataclass(frozen=True, eq=False)
+class PosePlan:
+    """One pose of a data set, and the pairs to take for it.
+
+    Args:
+        pose_id: `<scenario>/pose_000`.
+        dwell: The arm's; None for a recording without an arm, which is one pose.
+        start_ns: First stamp of the window.
+        end_ns: Last stamp of the window.
+        lidar_ns: (P,) stamps of the chosen scans.
+        image_ns: (P,) stamps of their images.
+        scans: Scans in the window.
+        images: Images in the window.
+        paired: Pairs in the window, before `pairs_per_pose`.
+        reason: Why there is no pair; empty if there is one.
+    """
+
+    pose_id: str
+    dwell: Dwell | None
+    start_ns: int
+    end_ns: int
+    lidar_ns: Stamps
+    image_ns: Stamps
+    scans: int
+    images: int
+    paired: int
+    reason: str
+
+    def pair_id(self, number: int) -> str:
+        """`<scenario>/pose_000/000`."""
+        return f"{self.pose_id}/{number:03d}"
+
+
+def plan_poses(
+    scenario: str,
+    survey: Survey,
+    dwells: Sequence[Dwell] | None,
+    *,
+    tolerance_ms: float,
+    pairs_per_pose: int | None = None,
+) -> list[PosePlan]:
+    """Poses of a recording with their pairs.
+
+    Args:
+        scenario: The recording's name.
+        survey: Its stamps.
+        dwells: The arm's dwells; None for a recording without an arm.
+        tolerance_ms: Largest distance of a scan to its image.
+        pairs_per_pose: At most so many, evenly spread; all for None.
+
+    Returns:
+        One for each dwell, also for those without pairs.
+    """
+    windows: list[tuple[Dwell | None, int, int]] = [(d, d.start_ns, d.end_ns) for d in dwells or ()]
+    if dwells is None:
+        both = np.concatenate([survey.lidar_ns, survey.image_ns])
+        if len(both):
+            windows = [(None, int(both.min()), int(both.max()))]
+    scan_ns = 0 if dwells is None else _scan_duration(survey.lidar_ns)
+    poses = []
+    for index, (dwell, start, end) in enumerate(windows):
+        # A scan is stamped at its beginning, and must end before the arm moves.
+        scans = _within(survey.lidar_ns, start, end - scan_ns)
+        images = _within(survey.image_ns, start, end)
+        pairing = pair_stamps(scans, images, round(tolerance_ms * 1e6))
+        chosen = select(len(pairing.lidar), pairs_per_pose)
+        reason = ""
+        if not len(scans):
+            reason = "no scan while the arm stood still"
+        elif not len(images):
+            reason = "no image while the arm stood still"
+        elif not len(pairing.lidar):
+            reason = pairing.reason()
+        poses.append(
+            PosePlan(
+                f"{scenario}/pose_{index:03d}",
+                dwell,
+                start,
+                end,
+                scans[pairing.lidar[chosen]],
+                images[pairing.image[chosen]],
+                len(scans),
+                len(images),
+                len(pairing.lidar),
+                reason,
+            )
+        )
+    return poses
+
+
+def _scan_duration(lidar_ns: Stamps) -> int:
+    if len(lidar_ns) < 2:
+        return 0
+    return min(int(np.median(np.diff(lidar_ns))), LONGEST_SCAN_NS)
+
+
+def _within(stamps: Stamps, start: int, end: int) -> Stamps:
+    low, high = np.searchsorted(stamps, start, "left"), np.searchsorted(stamps, end, "right")
+    return stamps[low:high]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPair:
+    """A scan and its image.
+
+    Args:
+        pose: Where it belongs.
+        number: Its number within the pose.
+        cloud: The scan.
+        image: The image.
+    """
+
+    pose: PosePlan
+    number: int
+    cloud: Cloud
+    image: Image
+
+    @property
+    def pair_id(self) -> str:
+        """`<scenario>/pose_000/000`."""
+        return self.pose.pair_id(self.number)
+
+
+def stream_pairs(
+    recording: Recording, topics: Topics, poses: Sequence[PosePlan]
+) -> Iterator[RecordedPair]:
+    """Pairs of the plan, each as soon as both of its messages have been read.
+
+    Only messages that wait for their partner are kept. A pair whose cloud or image cannot be
+    read does not come; `recording.problems` tells.
+    """
+    open_pairs = {int(s): (p, n) for p in poses for n, s in enumerate(p.lidar_ns)}
+    partner = {int(i): int(s) for p in poses for s, i in zip(p.lidar_ns, p.image_ns, strict=True)}
+    clouds: dict[int, Cloud] = {}
+    images: dict[int, Image] = {}
+
+    def wanted(topic: str, stamp_ns: int) -> bool:
+        scan = stamp_ns if topic == topics.lidar else partner.get(stamp_ns)
+        return scan in open_pairs
+
+    sensors = [topics.lidar, topics.image]
+    for topic, stamp_ns, bag_ns, raw in recording.serialised(sensors, wanted):
+        scan = stamp_ns if topic == topics.lidar else partner[stamp_ns]
+        message = recording.read(topic, raw, stamp_ns, bag_ns)
+        if isinstance(message, Cloud):
+            clouds[scan] = message
+        elif isinstance(message, Image):
+            images[scan] = message
+        else:  # damaged: its partner must not wait for ever
+            del open_pairs[scan]
+            clouds.pop(scan, None), images.pop(scan, None)
+        if scan in clouds and scan in images:
+            yield RecordedPair(*open_pairs.pop(scan), clouds.pop(scan), images.pop(scan))
