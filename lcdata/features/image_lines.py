@@ -19,6 +19,7 @@ PAPER_WIDTH = 1280
 def extract_image_lines(
     image: NDArray[Any],
     *,
+    valid: NDArray[np.bool_] | None = None,
     join_distance: float = 5.0,
     join_angle_deg: float = 2.0,
     join_offset: float = 2.0,
@@ -32,6 +33,7 @@ def extract_image_lines(
 
     Args:
         image: (H, W) or (H, W, 3 as RGB) uint8, undistorted.
+        valid: (H, W) False where undistortion found no pixel; lines on its border are dropped.
         join_distance: Pixels at an image width of 1280, like all lengths here.
         join_angle_deg: Degrees.
         join_offset: Pixels.
@@ -51,16 +53,22 @@ def extract_image_lines(
     found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(np.ascontiguousarray(image))[0]
     if found is None:
         return np.zeros((0, 4))
+    found = found.reshape(-1, 4).astype(float) + LSD_OFFSET
+    if valid is not None and not valid.all():
+        inside = cv2.erode(valid.astype(np.uint8), np.ones((7, 7), np.uint8))
+        middle = np.rint(found.reshape(-1, 2, 2).mean(1)).astype(int)
+        x, y = np.clip(middle, 0, [image.shape[1] - 1, image.shape[0] - 1]).T
+        found = found[inside[y, x] > 0]
     scale = image.shape[1] / PAPER_WIDTH
     lines = merge_lines(
-        found.reshape(-1, 4).astype(float) + LSD_OFFSET,
+        found,
         join_distance * scale,
         np.deg2rad(join_angle_deg),
         join_offset * scale,
     )
     length = np.hypot(lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1])
     order = np.argsort(-length, kind="stable")
-    return lines[order[length[order] >= min_length * scale]]
+    return np.asarray(lines[order[length[order] >= min_length * scale]])
 
 
 def merge_lines(lines: Array, distance: float, angle: float, offset: float) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.geometry import pluecker
+from lcdata.geometry import pluecker, se3
 from lcdata.geometry.se3 import exp, skew
 
 Array = NDArray[np.float64]
@@ -35,12 +35,15 @@ class Problem:
     Args:
         segments: (N, 2, 3) in the LiDAR frame, metres.
         image: (N, 2, 2) matched image segments, normalised coordinates.
-        sigma: (N,) expected standard deviation of a residual, normalised coordinates.
+        image_sigma: (N,) standard deviation of image end points across their line, normalised
+            coordinates.
+        cloud_sigma: (N,) standard deviation of cloud end points across their line, metres.
     """
 
     segments: Array
     image: Array
-    sigma: Array
+    image_sigma: Array
+    cloud_sigma: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +75,18 @@ def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -
         iterations: At most so many steps.
     """
     n, v = pluecker.from_points(problem.segments)
-    inverse_sigma = 1.0 / problem.sigma
+    place, depth = _footpoints(problem, problem.image, T_initial)
+    # A cloud line is the less certain the farther it is prolonged beyond its own end points.
+    prolonged = np.sqrt((1.0 - place) ** 2 + place**2)
+    inverse_sigma = 1.0 / np.hypot(
+        problem.image_sigma[:, None], problem.cloud_sigma[:, None] * prolonged / depth
+    )
 
     def evaluate(T: Array) -> tuple[Array, Array, Array, float]:
         r, J = pluecker.projection_residuals(T, n, v, np.eye(3), problem.image)
-        r *= inverse_sigma[:, None]
+        r *= inverse_sigma
         weights, cost = _cauchy(0.5 * (r * r).sum(1))
-        return r, J * inverse_sigma[:, None, None], weights, cost
+        return r, J * inverse_sigma[:, :, None], weights, cost
 
     T = np.array(T_initial, float)
     r, J, weights, cost = evaluate(T)
@@ -109,10 +117,13 @@ def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -
 def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
     """Method II: rotation from co-perpendicularity, then translation by linear least squares.
 
-    The rotation minimises (11) with v / sqrt(|p1|^2 + |p2|^2), which gives each line the standard
-    deviation of its image end points. The translation solves n'^T (R p_mid + p) = 0, weighted by
-    1 / |p_mid|, instead of (14), which an inexact rotation biases. Only the robust weight of a
-    line is shared by the two, so they alternate until it settles.
+    The rotation minimises (11), each residual divided by its standard deviation: an error of the
+    back-projected plane about the viewing ray counts by sqrt(2) sigma / length of the image
+    line, about the line itself by sigma / sqrt(2). Where both lines have the same end points this
+    is v / sqrt(|p1|^2 + |p2|^2). The translation solves n'^T (R p_mid + p) = 0, weighted by
+    1 / |p_mid|, instead of (14), which an inexact rotation biases; p_mid is the point of the cloud
+    line in the direction of the image line's middle. Only the robust weight of a line is shared
+    by the two, so they alternate until it settles.
 
     Args:
         problem: Three lines or more.
@@ -120,12 +131,22 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
         iterations: At most so many alternations.
     """
     n_image = pluecker.back_project(np.eye(3), problem.image)
-    p1, p2 = problem.segments[:, 0], problem.segments[:, 1]
-    middle = 0.5 * (p1 + p2)
-    range_both = np.sqrt((p1**2).sum(1) + (p2**2).sum(1)) * problem.sigma
-    v = (p2 - p1) / range_both[:, None]
-    range_middle = np.linalg.norm(middle, axis=1) * problem.sigma / np.sqrt(2)
-    A = n_image / range_middle[:, None]
+    v = problem.segments[:, 1] - problem.segments[:, 0]
+    cloud_length = np.linalg.norm(v, axis=1)
+    ray = np.column_stack([problem.image.mean(1), np.ones(len(v))])
+    place, _ = _footpoints(problem, problem.image.mean(1, keepdims=True), T_initial)
+    middle = problem.segments[:, 0] + np.clip(place, 0.0, 1.0) * v
+    distance = np.linalg.norm(se3.apply(T_initial, middle), axis=1)
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    v /= cloud_length[:, None]
+    cosine = np.einsum("nc,nc->n", ray, v @ T_initial[:3, :3].T)
+    image_length = np.linalg.norm(problem.image[:, 1] - problem.image[:, 0], axis=1)
+    variance = problem.image_sigma**2 * (
+        2.0 * (1.0 - cosine**2) / image_length**2 + 0.5 * cosine**2
+    )
+    v /= np.sqrt(variance + 2.0 * (problem.cloud_sigma / cloud_length) ** 2)[:, None]
+    sigma = np.hypot(problem.image_sigma * distance, problem.cloud_sigma) / np.sqrt(2.0)
+    A = n_image / sigma[:, None]
 
     T = np.array(T_initial, float)
     for _ in range(iterations):
@@ -148,7 +169,7 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
     weights, cost = _cauchy(0.5 * (r * r + t * t))
     W = weights[:, None]
     cov_theta = _invert((J * W).T @ J, _variance(r[:, None], weights, 3))
-    # The mean and the difference of a line's two end-point errors are independent of each other.
+    # The mean and the difference of a line's two end-point errors are independent.
     H = (A * W).T @ A
     cov_p = _invert(H, _variance(t[:, None], weights, 3))
     B = np.cross(middle @ R.T, A)
@@ -159,6 +180,30 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
         weights,
         cost,
     )
+
+
+def _footpoints(problem: Problem, image: Array, T: Array) -> tuple[Array, Array]:
+    """Where on the cloud lines image points lie.
+
+    Args:
+        problem: N matched lines.
+        image: (N, k, 2) points near the lines, normalised coordinates.
+        T: 4x4 `T_camera_lidar`.
+
+    Returns:
+        (N, k) place on the cloud line nearest to the viewing ray, 0 and 1 at its end points, and
+        (N, k) its depth in metres; both clipped to a reasonable range.
+    """
+    camera = problem.segments @ T[:3, :3].T + T[:3, 3]
+    start, along = camera[:, None, 0], camera[:, None, 1] - camera[:, None, 0]
+    ray = np.concatenate([image, np.ones((*image.shape[:2], 1))], 2)
+    ray /= np.linalg.norm(ray, axis=2, keepdims=True)
+    start_across = start - (start * ray).sum(2, keepdims=True) * ray
+    along_across = along - (along * ray).sum(2, keepdims=True) * ray
+    place = -(start_across * along_across).sum(2) / np.maximum((along_across**2).sum(2), 1e-12)
+    place = np.clip(place, -2.0, 3.0)
+    depth = start[..., 2] + place * along[..., 2]
+    return place, np.maximum(depth, 0.5)
 
 
 def singular_ratios(problem: Problem, T: Array, weights: Array) -> tuple[float, float]:

@@ -1,0 +1,72 @@
+"""The lines of a LiDAR-camera pair, and what the search looks up about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.features.distance_fields import FIELDS, DistanceFields, distance_fields
+from lcdata.features.image_lines import extract_image_lines
+from lcdata.geometry.camera import Camera
+from lcdata.pair import Pair
+
+Array = NDArray[np.float64]
+
+PLANE_PLANE_SIGMA = 0.006
+"""Standard deviation of an intersection of two planes across its direction, metres."""
+
+BOUNDARY_SIGMA = 0.018
+"""Standard deviation of a plane's border, which falls between two beams, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class LineFeatures:
+    """Lines of one pair.
+
+    Args:
+        camera: Of the undistorted image.
+        image_lines: (B, 4) x1 y1 x2 y2, pixels.
+        segments: (A, 2, 3) cloud lines in the LiDAR frame, metres.
+        sigma: (A,) expected standard deviation of a cloud line across its direction, metres.
+        fields: Distance fields by truncation distance in pixels at a focal length of 1000.
+    """
+
+    camera: Camera
+    image_lines: Array
+    segments: Array
+    sigma: Array
+    fields: dict[float, DistanceFields]
+
+    @property
+    def focal_length(self) -> float:
+        """Geometric mean of fx and fy, pixels."""
+        fx, fy = self.camera.intrinsics[:2]
+        return float(np.sqrt(fx * fy))
+
+
+def extract_line_features(pair: Pair) -> LineFeatures:
+    """Detect the lines of a pair.
+
+    Args:
+        pair: Points may contain NaN; fewer than three points give no cloud lines.
+    """
+    from lcdata.features.cloud_lines import extract_cloud_lines
+
+    gray = pair.image if pair.image.ndim == 2 else cv2.cvtColor(pair.image, cv2.COLOR_RGB2GRAY)
+    camera = pair.camera.undistorted()
+    valid = None
+    if pair.camera.is_distorted:
+        valid = pair.camera.undistort(np.full_like(gray, 255)) == 255
+        gray = pair.camera.undistort(gray)
+    image_lines = extract_image_lines(gray, valid=valid)
+    cloud = extract_cloud_lines(pair.points, organised=pair.organised, ring=pair.ring)
+    scale = np.sqrt(camera.intrinsics[0] * camera.intrinsics[1]) / 1000.0
+    fields = {
+        truncation: distance_fields(image_lines, camera, truncation * scale, reach)
+        for truncation, reach in FIELDS.items()
+    }
+    sigma = np.where(cloud.kind == 0, PLANE_PLANE_SIGMA, BOUNDARY_SIGMA)
+    return LineFeatures(camera, image_lines, cloud.segments, sigma, fields)
