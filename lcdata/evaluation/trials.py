@@ -1,0 +1,276 @@
+"""Run methods on a data set from perturbed initial guesses."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import re
+import time
+from collections import deque
+from collections.abc import Callable, Container, Generator, Iterable, Mapping, Sequence
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lcdata.calibrators.base import Calibrator
+from lcdata.errors import CalibrationError
+from lcdata.evaluation.pool import Crash, Executor, default_jobs, run_here, run_in_processes
+from lcdata.evaluation.protocol import Protocol
+from lcdata.evaluation.results import (
+    Results,
+    TrialResult,
+    read_results,
+    results_path,
+    write_run,
+)
+from lcdata.evaluation.worker import Begin, Task, failure, parameters, run_task
+
+if TYPE_CHECKING:
+    from lcdata.dataset import Dataset
+    from lcdata.dataset.schema import PairRecord
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of the stage, the number of finished trials and of all trials."""
+
+Key = tuple[str, tuple[str, ...], int]
+"""Label of the method, pairs, number of the trial."""
+
+SAVE_EVERY_S = 20.0
+"""How much work a killed process may lose."""
+
+
+def run_trials(
+    dataset: Dataset,
+    methods: Sequence[str | Calibrator] | Mapping[str, Calibrator],
+    *,
+    init_rotation_deg: float = 5.0,
+    init_translation_m: float = 0.5,
+    trials: int = 1,
+    seed: int = 0,
+    group: str = "pair",
+    pair_ids: Sequence[str] | None = None,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    run: str | None = None,
+    force: bool = False,
+) -> Results:
+    """Run methods on the pairs of a data set and store the results in it.
+
+    Trials that a former call with the same protocol has stored, of the same methods and
+    parameters and against the same ground truth, are not computed again. Those that failed are
+    tried again; those of another version of a method or of the ground truth are replaced.
+
+    Args:
+        dataset: The data set.
+        methods: Names of methods, or `Calibrator`s, or `Calibrator`s by label.
+        init_rotation_deg: Initial error about each axis, degrees.
+        init_translation_m: Initial error along each axis, metres.
+        trials: Initial guesses for each pair.
+        seed: Seed of the random signs.
+        group: "pair", or "pose": all pairs of an arm pose are solved jointly.
+        pair_ids: Use these pairs only.
+        jobs: Number of processes; None for one a processor, 0 for none (in this process).
+        executor: Runs the tasks in place of local processes.
+        progress: Called as trials finish.
+        run: Name of the results file; by default named by the protocol.
+        force: Compute again what is stored.
+
+    Returns:
+        All trials of these methods that the run has now, failed ones among them.
+
+    Raises:
+        CalibrationError: An unknown method, pair or option, or a run of another protocol.
+    """
+    protocol = Protocol(init_rotation_deg, init_translation_m, trials, seed, group)
+    calibrators = _by_label(methods)
+    run = protocol.run if run is None else _check_name(run)
+    results = _stored(dataset, run, protocol, calibrators, force)
+    planned = _plan(dataset, run, protocol, calibrators, pair_ids)
+    tasks = _without(planned, results)
+    total = sum(len(task.work) for task in planned)
+    done = total - sum(len(task.work) for task in tasks)
+    if executor is None:
+        executor = _local(calibrators, jobs, len(tasks))
+    if progress:
+        progress("calibrate", done, total)
+
+    path = results_path(dataset, run)
+    saved, count = time.monotonic(), len(results)
+    try:
+        with closing(_outcomes(executor, tasks)) as outcomes:
+            for result in outcomes:
+                results[result.key] = result
+                done += 1
+                if progress:
+                    progress("calibrate", done, total)
+                if time.monotonic() - saved > SAVE_EVERY_S:
+                    _write(path, results, calibrators)
+                    saved, count = time.monotonic(), len(results)
+    finally:  # Ctrl-C too: what was computed is kept
+        if len(results) > count:
+            _write(path, results, calibrators)
+    return Results(tuple(t for t in _ordered(results, calibrators) if t.method in calibrators))
+
+
+def _by_label(
+    methods: Sequence[str | Calibrator] | Mapping[str, Calibrator],
+) -> dict[str, Calibrator]:
+    """Methods by the name that tables show."""
+    if isinstance(methods, Mapping):
+        return dict(methods)
+    from lcdata.calibrators.registry import create
+
+    calibrators: dict[str, Calibrator] = {}
+    for method in methods:
+        calibrator = create(method) if isinstance(method, str) else method
+        if calibrator.name in calibrators:
+            raise CalibrationError(
+                f"method {calibrator.name!r} is given twice", "give a mapping of different labels"
+            )
+        calibrators[calibrator.name] = calibrator
+    if not calibrators:
+        raise CalibrationError("no methods to run", "name one or more")
+    return calibrators
+
+
+def _check_name(run: str) -> str:
+    if not re.fullmatch(r"[\w+-][\w.+-]*", run):
+        raise CalibrationError(
+            f"{run!r} cannot name a run", "use letters, digits, dot, plus, minus, underscore"
+        )
+    return run
+
+
+def _stored(
+    dataset: Dataset,
+    run: str,
+    protocol: Protocol,
+    calibrators: dict[str, Calibrator],
+    force: bool,
+) -> dict[Key, TrialResult]:
+    """Stored trials of the run that stay as they are."""
+    versions = {pose.pose_id: pose.groundtruth_version for pose in dataset.poses}
+    ours = (protocol.seed, protocol.init_rotation_deg, protocol.init_translation_m, protocol.group)
+    kept = {}
+    for t in read_results(dataset, run).trials:
+        theirs = (t.seed, t.init_rotation_deg, t.init_translation_m, t.group)
+        if theirs != ours:
+            if force:
+                continue
+            raise CalibrationError(
+                f"run {run!r} has trials from {t.init_rotation_deg:g} deg / "
+                f"{t.init_translation_m:g} m, seed {t.seed}, by {t.group}",
+                "name another run, or force to replace it",
+            )
+        if (method := calibrators.get(t.method)) is None:
+            kept[t.key] = t
+            continue
+        same_method = (t.method_version, t.parameters) == (method.version, parameters(method))
+        same_truth = t.groundtruth_version == versions.get(t.pose_id)
+        if same_method and same_truth and not (t.failed or force):
+            kept[t.key] = t
+    return kept
+
+
+def _plan(
+    dataset: Dataset,
+    run: str,
+    protocol: Protocol,
+    calibrators: dict[str, Calibrator],
+    pair_ids: Sequence[str] | None,
+) -> list[Task]:
+    """One task a pair, or a pose."""
+    wanted = None if pair_ids is None else set(pair_ids)
+    chosen = [p for p in dataset.pairs if wanted is None or p.pair_id in wanted]
+    if missing := sorted((wanted or set()) - {p.pair_id for p in chosen}):
+        raise CalibrationError(f"no pair {missing[0]!r} in {dataset.path}", "see pairs.parquet")
+    groups: dict[str, list[PairRecord]] = {}
+    for pair in chosen:
+        name = pair.pair_id if protocol.group == "pair" else pair.pose_id
+        groups.setdefault(name, []).append(pair)
+    return [
+        Task(
+            dataset=Path(dataset.path).resolve(),
+            run=run,
+            protocol=protocol,
+            pose=dataset.pose(pairs[0].pose_id),
+            pair_ids=tuple(pair.pair_id for pair in pairs),
+            methods=calibrators,
+            work=tuple((label, n) for label in calibrators for n in range(protocol.trials)),
+        )
+        for pairs in groups.values()
+    ]
+
+
+def _without(tasks: Iterable[Task], finished: Container[Key]) -> deque[Task]:
+    """Tasks with the work that is left."""
+    left: deque[Task] = deque()
+    for task in tasks:
+        work = tuple(
+            (label, trial)
+            for label, trial in task.work
+            if (label, task.pair_ids, trial) not in finished
+        )
+        if work:
+            left.append(dataclasses.replace(task, work=work))
+    return left
+
+
+def _local(calibrators: dict[str, Calibrator], jobs: int | None, tasks: int) -> Executor:
+    """Executor with local processes, or in this process."""
+    if jobs == 0:
+        return run_here
+    try:
+        pickle.dumps(calibrators)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise CalibrationError(
+            f"a method cannot be sent to another process ({error})",
+            "define its class in a module, or use jobs=0",
+        ) from error
+    count = default_jobs() if jobs is None else max(1, jobs)
+    return partial(run_in_processes, jobs=min(count, max(1, tasks)))
+
+
+def _outcomes(executor: Executor, tasks: deque[Task]) -> Generator[TrialResult, None, None]:
+    """Results as they come; a crash fails what was being done, the rest is tried again."""
+    finished: set[Key] = set()
+    with closing(executor(run_task, tasks)) as items:
+        for item in items:
+            results: list[TrialResult] = []
+            if isinstance(item, TrialResult):
+                results = [item]
+            elif isinstance(item, Crash):
+                task, last = item.task, item.last
+                lost, step = task.work, "starting"
+                if isinstance(last, Begin):
+                    lost, step = last.work, last.step
+                elif last is not None:
+                    lost = ()
+                results = [
+                    failure(task, label, trial, f"{item.reason} while {step}")
+                    for label, trial in lost
+                ]
+            for result in results:
+                finished.add(result.key)
+                yield result
+            if isinstance(item, Crash):
+                tasks.extendleft(_without([item.task], finished))
+
+
+def _ordered(
+    results: Mapping[Key, TrialResult], calibrators: Mapping[str, Calibrator]
+) -> list[TrialResult]:
+    """Results in an order that does not depend on who finished first."""
+    labels = [*calibrators, *sorted({t.method for t in results.values()} - set(calibrators))]
+    rank = {label: i for i, label in enumerate(labels)}
+    return sorted(
+        results.values(), key=lambda t: (t.scenario, t.pose_id, t.pair_ids, rank[t.method], t.trial)
+    )
+
+
+def _write(
+    path: Path, results: Mapping[Key, TrialResult], calibrators: Mapping[str, Calibrator]
+) -> None:
+    write_run(path, _ordered(results, calibrators))
