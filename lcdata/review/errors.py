@@ -1,0 +1,175 @@
+"""Errors and outcomes of each method over the pairs, in columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lcdata.evaluation import metrics
+from lcdata.review import colours, names
+from lcdata.review.trials import OUTCOME_COLOURS, Trials, outcome
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from lcdata.dataset.schema import PairRecord, PoseRecord
+    from lcdata.evaluation.results import TrialResult
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One kind of error.
+
+    Args:
+        name: Entity below `errors/`.
+        title: What its plot is called.
+        limit: Above this an estimate counts as wrong.
+        of_trial: The error of a trial.
+        of_truth: The error that the ground truth itself may have at a pose; None if that makes
+            no sense.
+    """
+
+    name: str
+    title: str
+    limit: float
+    of_trial: Callable[[TrialResult], float]
+    of_truth: Callable[[PoseRecord], float] | None
+
+
+MEASURES = (
+    Measure(
+        "rotation_deg",
+        "rotation error (deg)",
+        metrics.SUCCESS_ROTATION_DEG,
+        lambda trial: trial.rotation_error_deg,
+        lambda pose: metrics.groundtruth_sigma(pose.T_camera_lidar, pose.covariance).rotation_deg,
+    ),
+    Measure(
+        "translation_m",
+        "translation error (m)",
+        metrics.SUCCESS_TRANSLATION_M,
+        lambda trial: trial.translation_error_m,
+        lambda pose: metrics.groundtruth_sigma(pose.T_camera_lidar, pose.covariance).translation_m,
+    ),
+    Measure(
+        "sigma_distance",
+        "error / ground-truth sigma",
+        3.5,
+        lambda trial: trial.sigma_distance,
+        None,
+    ),
+)
+
+
+def send_errors(
+    recording: rr.RecordingStream,
+    trials: Trials,
+    pair_ids: Sequence[str],
+    poses: Sequence[PoseRecord],
+    time: Callable[[Sequence[int]], list[Any]],
+) -> dict[str, float]:
+    """Series of every measure.
+
+    Args:
+        recording: Where to send them.
+        trials: What to show.
+        pair_ids: Names of the pairs in the order of the timeline.
+        poses: The pose of each pair.
+        time: Makes the time columns of some of the pairs, by their numbers.
+
+    Returns:
+        Upper end of a sensible axis for each measure that has values, by its name.
+    """
+    colour = colours.of_sources(trials.methods)
+    everywhere = range(len(pair_ids))
+    tops = {}
+    for measure in MEASURES:
+        folder = f"{names.ERRORS}/{measure.name}"
+        seen = []
+        for method in trials.methods:
+            rows, values = [], []
+            for i, pair_id in enumerate(pair_ids):
+                trial = trials.of_pair(pair_id).get(method)
+                value = measure.of_trial(trial) if trial else np.nan
+                if np.isfinite(value):
+                    rows.append(i)
+                    values.append(value)
+            if rows:
+                _send_series(recording, f"{folder}/{method}", time(rows), values)
+                _style(recording, f"{folder}/{method}", method, colour[method])
+            seen += values
+        if not seen:
+            continue
+        tops[measure.name] = axis_top(seen, measure.limit)
+        limit = [measure.limit] * len(pair_ids)
+        _send_series(recording, f"{folder}/{names.LIMIT}", time(everywhere), limit)
+        _style(recording, f"{folder}/{names.LIMIT}", "limit", colours.RED, marked=False)
+        if measure.of_truth:
+            sigma = [measure.of_truth(pose) for pose in poses]
+            if np.isfinite(sigma).all():
+                path = f"{folder}/{names.GROUND_TRUTH}"
+                _send_series(recording, path, time(everywhere), sigma)
+                _style(recording, path, "ground truth's own", colours.GREEN, marked=False)
+    return tops
+
+
+def axis_top(values: Sequence[float], limit: float) -> float:
+    """Upper end of an axis on which small errors can be told apart.
+
+    Four trials out of five fit, but it stays between 1.5 and 6 times the limit: an error beyond
+    that is simply wrong, and its line leaves the plot.
+    """
+    return float(np.clip(1.15 * np.quantile(values, 0.8), 1.5 * limit, 6 * limit))
+
+
+def _send_series(
+    recording: rr.RecordingStream, path: str, indexes: list[Any], values: Sequence[float]
+) -> None:
+    import rerun as rr
+
+    recording.send_columns(path, indexes, rr.Scalars.columns(scalars=list(values)))
+
+
+def _style(
+    recording: rr.RecordingStream, path: str, name: str, colour: colours.RGB, marked: bool = True
+) -> None:
+    import rerun as rr
+
+    line = rr.SeriesLines(colors=[colour], widths=[2.0 if marked else 1.0], names=[name])
+    recording.log(path, line, static=True)
+    if marked:  # a method that succeeded on a single pair would otherwise be invisible
+        point = rr.SeriesPoints(colors=[colour], marker_sizes=[3.0], names=[name])
+        recording.log(path, point, static=True)
+
+
+def send_outcomes(
+    recording: rr.RecordingStream,
+    trials: Trials,
+    records: Sequence[PairRecord],
+    indexes: list[Any],
+) -> None:
+    """Lanes of the scenario and of every method's outcome.
+
+    Args:
+        recording: Where to send them.
+        trials: What to show.
+        records: The pairs in the order of the timeline.
+        indexes: Time columns with one entry a pair and one after the last, where the lanes end.
+    """
+    import rerun as rr
+
+    def send(path: str, states: list[str]) -> None:
+        recording.send_columns(path, indexes, rr.StateChange.columns(state=[*states, ""]))
+
+    send(names.SCENARIO, [record.scenario for record in records])
+    style = rr.StateConfiguration(
+        values=list(OUTCOME_COLOURS), colors=list(OUTCOME_COLOURS.values())
+    )
+    for method in trials.methods:
+        path = f"{names.OUTCOMES}/{method}"
+        recording.log(path, style, static=True)
+        shown = [trials.of_pair(record.pair_id).get(method) for record in records]
+        send(path, [outcome(trial) if trial else "" for trial in shown])

@@ -1,0 +1,47 @@
+"""Entity paths, frame names and timelines of a review: one place, so that all parts agree.
+
+Every transform uses named frames, for URDF loading does: mixed with transforms that follow the
+entity path, cloud and camera would stay unplaced. Our own frames are `lidar`, `camera` (of the
+ground truth) and `image`; those of the arm have the prefix `arm/`, for a URDF may well have a
+link called `camera`.
+"""
+
+from __future__ import annotations
+
+PAIR = "pair"
+STAMP = "stamp"
+
+FRAME_LIDAR = "lidar"
+FRAME_CAMERA = "camera"
+FRAME_IMAGE = "image"
+ARM_PREFIX = "arm/"
+
+ARM = "arm"
+JOINTS = "joints"
+TOWER = "tower"
+LIDAR = "lidar"
+CLOUD = "lidar/cloud"
+CAMERA = "camera"
+IMAGE = "camera/image"
+FRUSTUMS = "frustums"
+LINES = "lines"
+OVERLAYS = "overlays"
+ERRORS = "errors"
+OUTCOMES = "outcomes"
+SCENARIO = "scenario"
+SUMMARY = "summary"
+PAIR_TEXT = "pair"
+
+INITIAL = "initial"
+GROUND_TRUTH = "ground_truth"
+LIMIT = "limit"
+
+
+def arm_frame(link: str) -> str:
+    """Frame of a link of the arm."""
+    return ARM_PREFIX + link
+
+
+def title(source: str) -> str:
+    """What a reader calls a source of an extrinsic: a method, or one of the two constants."""
+    return {INITIAL: "initial guess", GROUND_TRUTH: "ground truth"}.get(source, source)

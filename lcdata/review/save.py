@@ -1,0 +1,154 @@
+"""review.rrd: written pair by pair, so that memory does not grow with the data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lcdata.dataset.atomic import write_atomically
+from lcdata.errors import ReportError
+from lcdata.geometry import se3
+from lcdata.review import names, scene
+from lcdata.review.blueprint import blueprint
+from lcdata.review.errors import send_errors, send_outcomes
+from lcdata.review.pairs import PairLogger
+from lcdata.review.summary import pair_text, summary
+from lcdata.review.trials import Trials, choose_trials
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from lcdata.dataset.reader import Dataset
+    from lcdata.dataset.schema import PairRecord
+
+APPLICATION = "lcdata"
+THIN = 8
+END_NS = 100_000_000
+FRUSTUM_ARM_M, FRUSTUM_STATIC_M = 0.45, 1.0
+
+
+def save_review(
+    dataset: Dataset,
+    path: Path,
+    *,
+    thin: int = THIN,
+    run: str | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Path:
+    """Write a data set and its results as a Rerun recording.
+
+    Args:
+        dataset: The data set.
+        path: File to write; replaced if it is there, complete or not at all.
+        thin: Every how many points of a cloud to keep.
+        run: Which run's results to show; None for the one that was written last.
+        progress: Called with the stage's name, pairs done and pairs in all.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ReportError: No pairs, a `thin` below 1, an unknown run, or results that cannot be read.
+        DatasetError: A pair that cannot be read, or a disk that cannot be written.
+    """
+    if thin < 1:
+        raise ReportError(f"every {thin}th point cannot be kept", "give 1 or more")
+    if not dataset.pairs:
+        raise ReportError(f"{dataset.path} has no pairs", "there is nothing to review")
+    trials = choose_trials(dataset, run)
+    if run is not None and trials.run != run:
+        stored = ", ".join(trials.other_runs) or "none"
+        raise ReportError(f"{dataset.path} has no run {run!r}", f"stored are {stored}")
+    with write_atomically(Path(path)) as temporary:
+        _write(dataset, temporary, trials, thin, progress or (lambda stage, done, total: None))
+    return Path(path)
+
+
+def _write(
+    dataset: Dataset,
+    path: Path,
+    trials: Trials,
+    thin: int,
+    progress: Callable[[str, int, int], None],
+) -> None:
+    import rerun as rr
+
+    # Without a random id, the same data set gives the same recording.
+    with rr.RecordingStream(APPLICATION, recording_id=dataset.path.resolve().name) as recording:
+        recording.set_log_time_enabled(False)
+        recording.set_log_tick_enabled(False)
+        recording.save(path)
+        recording.send_recording_name(dataset.path.resolve().name)
+        records = dataset.pairs
+        _log_whole(recording, dataset, trials)
+        is_arm = dataset.rig.ground_truth == "arm"
+        frustum_m = FRUSTUM_ARM_M if is_arm else FRUSTUM_STATIC_M
+        logger = PairLogger(recording, trials, thin, frustum_m)
+        for number, record in enumerate(records):
+            recording.set_time(names.PAIR, sequence=number)
+            recording.set_time(names.STAMP, timestamp=np.datetime64(record.stamp_lidar_ns, "ns"))
+            logger.log(dataset.load(record.pair_id), dataset.path / record.image)
+            progress("review", number + 1, len(records))
+        recording.flush()
+        recording.disconnect()
+
+
+def _log_whole(recording: rr.RecordingStream, dataset: Dataset, trials: Trials) -> None:
+    """Everything but the pairs' clouds and images: small, and sent in columns."""
+    import rerun as rr
+
+    records = dataset.pairs
+    poses = [dataset.pose(record.pose_id) for record in records]
+
+    def time(numbers: Sequence[int]) -> list[Any]:
+        return time_columns(records, numbers)
+
+    everywhere = time(range(len(records)))
+    arm = scene.load_arm(dataset)
+    is_arm = dataset.rig.ground_truth == "arm"
+    root = names.arm_frame(dataset.rig.arm.base_frame) if is_arm else names.FRAME_LIDAR
+    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    scene.log_lidar(recording)
+    if is_arm:
+        scene.log_tower(recording, poses[0], root)
+    if arm is not None:
+        scene.log_arm(recording, arm)
+        scene.send_joints(recording, arm, poses, everywhere)
+    scene.send_sensors(recording, poses, everywhere, root)
+    tops = send_errors(recording, trials, [r.pair_id for r in records], poses, time)
+    if trials.methods:
+        send_outcomes(recording, trials, records, time(range(len(records) + 1)))
+    document = rr.TextDocument(summary(dataset, trials), media_type="text/markdown")
+    recording.log(names.SUMMARY, document, static=True)
+    texts = [
+        pair_text(number, len(records), record, pose, trials)
+        for number, (record, pose) in enumerate(zip(records, poses, strict=True))
+    ]
+    columns = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
+    recording.send_columns(names.PAIR_TEXT, everywhere, columns)
+    first = poses[0]
+    T_root_camera = se3.inverse(first.T_camera_lidar)
+    if is_arm and first.T_base_lidar is not None:
+        T_root_camera = first.T_base_lidar @ T_root_camera
+    camera = dataset.camera(records[0].scenario)
+    recording.send_blueprint(blueprint(trials.methods, tops, camera, root, T_root_camera))
+
+
+def time_columns(records: Sequence[PairRecord], numbers: Sequence[int]) -> list[Any]:
+    """Columns of both timelines.
+
+    Args:
+        records: All pairs.
+        numbers: Which of them; one more than the last stands for the end of the last.
+    """
+    import rerun as rr
+
+    stamps = [record.stamp_lidar_ns for record in records]
+    stamps.append(stamps[-1] + END_NS)
+    return [
+        rr.TimeColumn(names.PAIR, sequence=list(numbers)),
+        rr.TimeColumn(names.STAMP, timestamp=np.array([stamps[i] for i in numbers], "M8[ns]")),
+    ]

@@ -1,0 +1,127 @@
+"""Which trials a review shows: one run, and of each pair and method the first trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.evaluation.results import TrialResult, read_run
+from lcdata.review.colours import RGB
+
+if TYPE_CHECKING:
+    from lcdata.calibrators.base import LineMatches
+    from lcdata.dataset.reader import Dataset
+
+Array = NDArray[np.float64]
+
+RIGHT = "right"
+RIGHT_FLAGGED = "right, but flagged"
+WRONG_FLAGGED = "wrong, flagged"
+WRONG = "wrong, not flagged"
+NO_ESTIMATE = "no estimate"
+OUTCOME_COLOURS: dict[str, RGB] = {
+    RIGHT: (46, 160, 92),
+    RIGHT_FLAGGED: (150, 190, 80),
+    WRONG_FLAGGED: (214, 150, 40),
+    WRONG: (214, 62, 62),
+    NO_ESTIMATE: (120, 60, 130),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """The trials of one run, errors against the data set's present ground truth.
+
+    Args:
+        run: Name of the run; empty if there are no results.
+        all: Every trial of the run.
+        stale: How many of them were measured against another ground truth, and recomputed.
+        other_runs: Runs that are stored and not shown.
+    """
+
+    run: str = ""
+    all: tuple[TrialResult, ...] = ()
+    stale: int = 0
+    other_runs: tuple[str, ...] = ()
+
+    @cached_property
+    def methods(self) -> tuple[str, ...]:
+        """Names of the methods, sorted, so that a method's colour does not depend on chance."""
+        return tuple(sorted({trial.method for trial in self.all}))
+
+    @cached_property
+    def per_pair(self) -> int:
+        """Most trials that a pair and method have."""
+        counts: dict[tuple[str, str], int] = {}
+        for trial in self.all:
+            for pair_id in trial.pair_ids:
+                key = pair_id, trial.method
+                counts[key] = counts.get(key, 0) + 1
+        return max(counts.values(), default=0)
+
+    @cached_property
+    def _shown(self) -> dict[tuple[str, str], TrialResult]:
+        first: dict[tuple[str, str], TrialResult] = {}
+        for trial in self.all:
+            for pair_id in trial.pair_ids:
+                known = first.get((pair_id, trial.method))
+                if known is None or trial.trial < known.trial:
+                    first[pair_id, trial.method] = trial
+        return first
+
+    def of_pair(self, pair_id: str) -> dict[str, TrialResult]:
+        """The shown trial of each method that has one on this pair, by the method's name."""
+        found = ((m, self._shown.get((pair_id, m))) for m in self.methods)
+        return {method: trial for method, trial in found if trial is not None}
+
+
+def choose_trials(dataset: Dataset, run: str | None = None) -> Trials:
+    """The trials to show.
+
+    Args:
+        dataset: The data set.
+        run: Name of the run; None for the one that was written last.
+
+    Raises:
+        ReportError: A results file that cannot be read.
+    """
+    paths = {path.stem: path for path in dataset.result_files()}
+    if run is None:
+        run = max(paths, key=lambda name: (paths[name].stat().st_mtime_ns, name), default="")
+    if run not in paths:
+        return Trials(other_runs=tuple(paths))
+    current, stale = read_run(paths[run]).split_stale(dataset)
+    known = {pose.pose_id for pose in dataset.poses}
+    renewed = tuple(t for t in stale.recomputed(dataset).trials if t.pose_id in known)
+    return Trials(
+        run=run,
+        all=current.trials + renewed,
+        stale=len(renewed),
+        other_runs=tuple(name for name in paths if name != run),
+    )
+
+
+def outcome(trial: TrialResult) -> str:
+    """A key of `OUTCOME_COLOURS`: is the trial right, and does its method say so?"""
+    if trial.failed:
+        return NO_ESTIMATE
+    flagged = trial.degenerate or not trial.converged
+    if trial.success:
+        return RIGHT_FLAGGED if flagged else RIGHT
+    return WRONG_FLAGGED if flagged else WRONG
+
+
+def matches_of(trial: TrialResult, pair_id: str) -> tuple[Array, Array]:
+    """The lines that a trial matched on one of its pairs.
+
+    Returns:
+        (M, 2, 3) segments in the LiDAR frame, metres, and (M, 2, 2) segments in the undistorted
+        image, pixels.
+    """
+    matches: LineMatches = trial.matches
+    here = matches.pair_index == trial.pair_ids.index(pair_id)
+    return matches.points_lidar[here], matches.points_image[here]

@@ -1,0 +1,104 @@
+"""Showing a review: in Rerun's viewer, or in a browser."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from lcdata.errors import ReportError
+
+GRPC_PORT, WEB_PORT = 9876, 9090
+LOCAL = "127.0.0.1"
+SERVER_MEMORY = "75%"
+"""A browser fetches the recording from a server, which drops what this cannot hold."""
+
+
+def open_viewer(path: Path) -> None:
+    """Open a review in Rerun's viewer and wait until it is closed.
+
+    Raises:
+        ReportError: No such file, no display, or a viewer that cannot start.
+    """
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise ReportError(
+            f"{path} cannot be shown: this machine has no display",
+            "use --serve to show it in a browser, or open the file elsewhere with `rerun FILE`",
+        )
+    _run([str(_existing(path))])
+
+
+def serve(path: Path, *, port: int = WEB_PORT, open_browser: bool = True) -> None:
+    """Serve a review to a browser of this machine until it is interrupted.
+
+    Args:
+        path: The review.
+        port: Where the browser finds the viewer; another one is taken if it is in use.
+        open_browser: Whether to open a browser, too.
+
+    Raises:
+        ReportError: No such file, or a server that cannot start.
+    """
+    path = _existing(path)
+    web, grpc = _free_port(port), _free_port(GRPC_PORT)
+    source = f"rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{grpc}%2Fproxy"
+    print(f"http://{LOCAL}:{web}/?url={source}", flush=True)
+    _run(
+        [
+            str(path),
+            *("--web-viewer" if open_browser else "--serve-web",),
+            *("--bind", LOCAL, "--port", str(grpc), "--web-viewer-port", str(web)),
+            *("--server-memory-limit", SERVER_MEMORY),
+        ]
+    )
+
+
+def viewer_command() -> str:
+    """Path of Rerun's executable, which its Python package brings.
+
+    Raises:
+        ReportError: It is not there.
+    """
+    beside = Path(sys.executable).parent / ("rerun.exe" if os.name == "nt" else "rerun")
+    found = str(beside) if beside.is_file() else shutil.which("rerun")
+    if found is None:
+        raise ReportError("the command `rerun` is not there", "pip install --force rerun-sdk")
+    return found
+
+
+def _run(arguments: Sequence[str]) -> None:
+    process = subprocess.Popen([viewer_command(), *arguments])
+    try:
+        code = process.wait()
+    except KeyboardInterrupt:  # the way to end it
+        process.terminate()
+        process.wait()
+        return
+    if code:
+        raise ReportError(
+            f"Rerun's viewer ended with code {code}", "its messages above say what it lacks"
+        )
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise ReportError(f"no file {path}", "`lcdata review DATASET --save FILE.rrd` writes one")
+    return path.resolve()
+
+
+def _free_port(preferred: int) -> int:
+    """The preferred port if nothing listens on it, else any free one."""
+    for port in (preferred, 0):
+        with socket.socket() as probe:
+            try:
+                probe.bind((LOCAL, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise ReportError("no free network port", "close a program that serves one")
