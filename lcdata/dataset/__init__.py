@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from lcdata.dataset.build import BuildSummary, build
 from lcdata.dataset.reader import Dataset
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord
 from lcdata.dataset.validate import validate
 
-__all__ = ["Dataset", "DatasetInfo", "PairRecord", "PoseRecord", "validate"]
+__all__ = [
+    "BuildSummary",
+    "Dataset",
+    "DatasetInfo",
+    "PairRecord",
+    "PoseRecord",
+    "build",
+    "validate",
+]

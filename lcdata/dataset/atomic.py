@@ -19,7 +19,7 @@ from lcdata.errors import DatasetError
 MARK = ".lcdata-tmp"
 """Part of every temporary name, by which leftovers of a killed process are found."""
 
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
 
 
@@ -85,6 +85,14 @@ def remove_leftovers(folder: Path) -> None:
         leftover.unlink(missing_ok=True)
 
 
+def full_disk(path: Path) -> DatasetError:
+    """The error of a file that the disk has no room for."""
+    return DatasetError(
+        f"{path}: no space left to write it",
+        "free some space and run the same command again; what was finished is kept",
+    )
+
+
 def _make_folder(folder: Path) -> None:
     """Make a folder and its parents, each entry forced to the disk."""
     if not folder.is_dir():
@@ -106,11 +114,8 @@ def _force_to_disk(path: Path) -> None:
 
 def _explained(error: OSError, path: Path, temporary: Path) -> OSError | DatasetError:
     """An error of writing `path` in one line; any other error as it is."""
-    if error.errno in _FULL:
-        return DatasetError(
-            f"{path}: no space left to write it ({os.strerror(error.errno or 0)})",
-            "free some space and run the same command again; what was finished is kept",
-        )
+    if error.errno in FULL:
+        return full_disk(path)
     ours = error.filename is None or Path(error.filename) in (temporary, *temporary.parents)
     if ours and error.errno in _FORBIDDEN:
         return DatasetError(

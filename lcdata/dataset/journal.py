@@ -8,20 +8,24 @@ goes on from there; a build of anything else is refused, so old and new files ne
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import json
 import os
 import shutil
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from lcdata import __version__
 from lcdata.dataset import atomic, schema
 from lcdata.dataset.schema import PairRecord
 from lcdata.errors import DatasetError
 
 NAME = "build.partial"
+
+REPLACED = "dataset.replaced.json"
+"""dataset.json of a data set that is being deleted."""
 
 
 class Journal:
@@ -37,14 +41,14 @@ class Journal:
         finished: Pairs of an earlier, interrupted run by pair_id; their files are unchecked.
     """
 
-    def __init__(self, folder: Path, what: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, what: dict[str, Any], *, force: bool) -> None:
         self.folder = folder
         self.finished: dict[str, PairRecord] = {}
         self._path = folder / NAME
         self._file = self._path.open("a+b", buffering=0)
         try:
             self._lock()
-            self._start(what)
+            self._start(_header(what), force)
         except BaseException:
             self._file.close()
             raise
@@ -62,17 +66,14 @@ class Journal:
             DatasetError: The folder holds something else, or another build is running.
         """
         check_folder(folder)
+        if (folder / schema.INFO).exists() and not force:
+            raise DatasetError(
+                f"{folder} already holds a data set of other recordings or another rig",
+                "choose another folder with -o, or replace it with --force",
+            )
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            partial = folder / NAME
-            if (folder / schema.INFO).exists() or (force and not _is_of(partial, what)):
-                if not force:
-                    raise DatasetError(
-                        f"{folder} already holds a data set of other recordings or another rig",
-                        "choose another folder with -o, or replace it with --force",
-                    )
-                clear(folder)
-            return cls(folder, what)
+            return cls(folder, what, force=force)
         except OSError as error:
             raise DatasetError(
                 f"{folder}: cannot be written ({error.strerror})", "choose another folder with -o"
@@ -97,48 +98,56 @@ class Journal:
         """The data set is complete: the journal goes."""
         self._path.unlink()
 
+    def abandon(self) -> None:
+        """There will be no data set: leave nothing behind."""
+        clear(self.folder)
+        self._path.unlink()
+        with suppress(OSError):  # it may have been there before, with something in it
+            self.folder.rmdir()
+
     def _lock(self) -> None:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise DatasetError(
-                f"another lcdata build is writing {self.folder}",
-                "wait for it to end",
+                f"another lcdata build is writing {self.folder}", "wait for it to end"
             ) from error
 
-    def _start(self, what: dict[str, Any]) -> None:
+    def _start(self, header: dict[str, Any], force: bool) -> None:
         self._file.seek(0)
-        lines = self._file.read().split(b"\n")
-        complete = lines[:-1]  # what follows the last line feed was cut off by a kill
-        if not complete:
-            self._file.truncate(0)
-            self._append(_header(what))
-            return
-        if json.loads(complete[0]) != _header(what):
+        first, *others = self._file.read().split(b"\n")
+        known = _parsed(first)
+        if known and known != header and not force:
             raise DatasetError(
-                f"{self.folder} holds an unfinished build of other recordings or another rig",
+                f"{self.folder} holds an unfinished build of other recordings, another rig or "
+                "another version",
                 "finish that one first, choose another folder with -o, or drop it with --force",
             )
-        if lines[-1]:
-            self._file.truncate(sum(len(line) + 1 for line in complete))
-        records = (PairRecord(**json.loads(line)) for line in complete[1:])
-        self.finished = {record.pair_id: record for record in records}
+        atomic.remove_leftovers(self.folder)
+        kept = []
+        if known == header and not (self.folder / schema.INFO).exists():
+            kept = [content for content in map(_parsed, others) if content]
+        else:
+            clear(self.folder)
+        # What follows the last line feed was cut off by a kill: write the rest anew.
+        self._file.truncate(0)
+        self._append(header)
+        os.fsync(self._file.fileno())
+        for content in kept:
+            record = PairRecord(**content)
+            self.finished[record.pair_id] = record
+            self.add(record)
 
     def _append(self, content: dict[str, Any]) -> None:
         line = json.dumps(content).encode() + b"\n"
         try:
             written = self._file.write(line)
-            os.fsync(self._file.fileno())
         except OSError as error:
-            raise DatasetError(
-                f"{self._path}: cannot be written ({error.strerror})",
-                "free some space and run the same command again; what was finished is kept",
-            ) from error
+            if error.errno not in atomic.FULL:
+                raise
+            written = 0
         if written != len(line):
-            raise DatasetError(
-                f"{self._path}: no space left to write it",
-                "free some space and run the same command again; what was finished is kept",
-            )
+            raise atomic.full_disk(self._path)
 
 
 def check_folder(folder: Path) -> None:
@@ -149,7 +158,9 @@ def check_folder(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise DatasetError(f"{folder} is a file", "choose another folder with -o")
-    if not folder.is_dir() or any((folder / name).is_file() for name in (schema.INFO, NAME)):
+    if not folder.is_dir() or any(
+        (folder / name).is_file() for name in (schema.INFO, NAME, REPLACED)
+    ):
         return
     if any(folder.iterdir()):
         raise DatasetError(
@@ -158,42 +169,39 @@ def check_folder(folder: Path) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Delete what a build writes, and what was computed from it; nothing else.
+    """Delete what a build writes and what was computed from it, nothing else, not the journal.
 
-    dataset.json goes last: until then the folder is known as a data set.
+    From the first step on the folder is no complete data set; the last one removes what names
+    its scenarios, so that an interrupted deletion can be taken up again.
     """
-    scenarios: set[str] = set()
-    for name in (schema.INFO, NAME):
-        scenarios |= _scenarios(folder / name)
-    for folder_name in (*sorted(scenarios), schema.RESULTS, schema.REPORT):
-        shutil.rmtree(folder / folder_name, ignore_errors=True)
-    atomic.remove_leftovers(folder)
-    for name in (schema.PAIRS, schema.POSES, schema.REVIEW, NAME, schema.INFO):
+    if (folder / schema.INFO).exists():
+        (folder / schema.INFO).replace(folder / REPLACED)
+    names = _scenarios(folder / REPLACED) | _scenarios(folder / NAME)
+    for name in (*sorted(names), schema.RESULTS, schema.REPORT):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for name in (schema.PAIRS, schema.POSES, schema.REVIEW, REPLACED):
         (folder / name).unlink(missing_ok=True)
 
 
 def _header(what: dict[str, Any]) -> dict[str, Any]:
-    plain = json.loads(json.dumps(what))
-    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
-    return {"schema_version": schema.SCHEMA_VERSION, "sha256": digest, "what": plain}
+    return {"lcdata": __version__, "schema_version": schema.SCHEMA_VERSION, **schema.plain(what)}
 
 
-def _is_of(path: Path, what: dict[str, Any]) -> bool:
-    """Whether a journal is there and of the same build."""
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """A line of the journal; None if it was cut off."""
     try:
-        first = path.read_bytes().split(b"\n")[0]
-        return bool(json.loads(first) == _header(what))
-    except (OSError, ValueError):
-        return False
+        content = json.loads(line)
+    except ValueError:
+        return None
+    return content if isinstance(content, dict) else None
 
 
 def _scenarios(path: Path) -> set[str]:
     """Names of the recordings that dataset.json or a journal speaks of; none if damaged."""
     try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text.split("\n")[0] if path.name == NAME else text)
-        sources = content["what"]["sources"] if path.name == NAME else content["sources"]
-        names = {str(source["scenario"]) for source in sources}
+        text = path.read_bytes()
+        content = json.loads(text.split(b"\n")[0] if path.name == NAME else text)
+        names = {str(source["scenario"]) for source in content["sources"]}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
     return {name for name in names if name not in {"", ".", ".."} and "/" not in name}

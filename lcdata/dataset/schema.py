@@ -11,6 +11,7 @@ translation before rotation.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -284,3 +285,8 @@ def _table(rows: list[dict[str, Any]], columns: list[Any], kind: str) -> Any:
 
     metadata = {"kind": kind, "schema_version": str(SCHEMA_VERSION)}
     return pa.Table.from_pylist(rows, pa.schema(columns, metadata))
+
+
+def plain(value: Any) -> Any:
+    """A value as it comes back from JSON: lists for tuples, text for keys."""
+    return json.loads(json.dumps(value))

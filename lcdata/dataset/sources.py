@@ -1,0 +1,108 @@
+"""What a build starts from: the rig that belongs to recordings, and names for their content."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from lcdata.arm import Arm
+from lcdata.errors import DatasetError, RigError
+from lcdata.recording.source import scenario_name
+
+RIG = "rig.yaml"
+
+SAMPLE_BYTES = 1 << 20
+"""How much of a file's beginning and end its fingerprint covers: recordings are large."""
+
+
+def find_rig(root: Path, recordings: Sequence[Path]) -> Path:
+    """The rig file of recordings: in their folder, or the nearest above it up to `root`.
+
+    Args:
+        root: What the user named, a recording or a folder of them.
+        recordings: The recordings found there.
+
+    Raises:
+        RigError: There is none, or recordings have different ones.
+    """
+    found = {_nearest(root, recording) for recording in recordings}
+    if None in found:
+        missing = next(path for path in recordings if _nearest(root, path) is None)
+        raise RigError(
+            f"no {RIG} beside {missing}",
+            f"`lcdata info {missing}` prints one to start from; or name one with --rig",
+        )
+    first, *others = sorted(path for path in found if path is not None)
+    if others:
+        raise RigError(
+            f"the recordings in {root} have different rigs: {first} and {others[0]}",
+            "build each into a data set of its own, or name one with --rig",
+        )
+    return first
+
+
+def _nearest(root: Path, recording: Path) -> Path | None:
+    top = root.resolve()
+    if recording.resolve() == top:
+        top = top.parent
+    for folder in (recording.resolve(), *recording.resolve().parents):
+        if (folder / RIG).is_file():
+            return folder / RIG
+        if folder == top:
+            return None
+    return None
+
+
+def describe_source(path: Path) -> dict[str, Any]:
+    """Name, files, sizes and fingerprint of a recording, plain values.
+
+    The fingerprint covers sizes and the ends of the files, not all of their content.
+    """
+    files = sorted(_files(path)) if path.is_dir() else [path]
+    digest = hashlib.sha256()
+    for file in files:
+        size = file.stat().st_size
+        digest.update(f"{file.name} {size}\n".encode())
+        with file.open("rb") as opened:
+            digest.update(opened.read(SAMPLE_BYTES))
+            opened.seek(max(size - SAMPLE_BYTES, 0))
+            digest.update(opened.read(SAMPLE_BYTES))
+    return {
+        "scenario": scenario_name(path),
+        "name": path.resolve().name,
+        "bytes": sum(file.stat().st_size for file in files),
+        "fingerprint": digest.hexdigest(),
+    }
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    return (f for f in folder.iterdir() if f.is_file() and f.name != RIG and f.name[0] != ".")
+
+
+def describe_arm(model: str, arm: Arm) -> dict[str, Any]:
+    """What determines an arm's kinematics, plain values."""
+    return {
+        "model": model,
+        "sha256": arm.sha256,
+        "base_frame": arm.base_frame,
+        "effector_frame": arm.effector_frame,
+        "joint_names": list(arm.joint_names),
+        "joint_offsets": {name: arm.joint_offsets[name] for name in sorted(arm.joint_offsets)},
+    }
+
+
+def check_names(recordings: Sequence[Path], reserved: Sequence[str]) -> None:
+    """Refuse recordings whose names a data set needs for itself.
+
+    Raises:
+        DatasetError: Naming the recording.
+    """
+    for path in recordings:
+        name = scenario_name(path)
+        if name in reserved or name.startswith("."):
+            raise DatasetError(
+                f"{path} would be scenario {name!r}, a name that a data set uses itself",
+                "rename the recording",
+            )
