@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.geometry.camera import Camera
+from lcdata.simulation.kernels import camera_rays, silhouettes
 from lcdata.simulation.light import Light
 from lcdata.simulation.raycast import RayCaster
 
@@ -17,6 +18,8 @@ Float32 = NDArray[np.float32]
 
 _GRID = 4
 """Edge pixels get _GRID x _GRID rays."""
+_CONTRAST = 0.012
+"""Edges of less contrast (after gamma) are not worth them."""
 
 
 def zed2i(width: int = 1280, height: int = 720) -> Camera:
@@ -69,7 +72,7 @@ def render(
 ) -> NDArray[np.uint8]:
     """A picture as the camera would record it.
 
-    One ray a pixel first; pixels that differ from a neighbour get a grid of rays.
+    One ray a pixel first; pixels on the borders of surfaces and shadows get a grid of rays.
 
     Args:
         scene: What the camera sees.
@@ -86,27 +89,21 @@ def render(
 
     sensor = sensor or Sensor()
     xy, by_u, by_v = _rays(camera)
-    T = np.asarray(T_world_camera, np.float32)
+    R, origin = np.float32(T_world_camera[:3, :3]), np.float32(T_world_camera[:3, 3])
     pixel = 1.0 / camera.intrinsics[0]
-
-    def shoot(coordinates: Float32) -> Float32:
-        directions = np.empty((len(coordinates), 3), np.float32)
-        directions[:, :2], directions[:, 2] = coordinates, 1
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        return light.radiance(scene, T[:3, 3], directions @ T[:3, :3].T, pixel)[0]
-
-    picture = shoot(xy.reshape(-1, 2)).reshape(camera.height, camera.width, 3)
-    where = np.nonzero(_edges(picture))
-    offsets = (np.arange(_GRID) + 0.5) / _GRID - 0.5
+    rays = camera_rays(xy.reshape(-1, 2), R, origin)
+    radiance, hits, shadows = light.radiance(scene, rays, pixel)
+    picture = radiance.reshape(camera.height, camera.width, 3)
+    kind = np.where(hits.hit, 256 * (scene.material[hits.triangle] + 1) + shadows, 0)
+    edges = silhouettes(picture, rays, hits.distance, hits.normal, kind.astype(np.int32), _CONTRAST)
+    where = np.nonzero(edges)
+    offsets = ((np.arange(_GRID) + 0.5) / _GRID - 0.5).astype(np.float32)
     total = np.zeros((len(where[0]), 3), np.float32)
     for dv in offsets:
-        fine = np.concatenate(
-            [
-                xy[where] + np.float32(du) * by_u[where] + np.float32(dv) * by_v[where]
-                for du in offsets
-            ]
-        )
-        total += np.minimum(shoot(fine), 4.0).reshape(_GRID, -1, 3).sum(axis=0)
+        for du in offsets:
+            fine = xy[where] + du * by_u[where] + dv * by_v[where]
+            finer = light.radiance(scene, camera_rays(fine, R, origin), pixel / _GRID)[0]
+            total += np.minimum(finer, 4.0)
     picture[where] = total / _GRID**2
     picture *= sensor.exposure / max(float(np.median(picture)), 1e-3) * 0.9
     if sensor.blur_px > 0:
@@ -119,18 +116,3 @@ def render(
     # a soft shoulder instead of hard clipping, then the display's gamma
     picture = np.where(picture > 0.7, 0.7 + 0.3 * np.tanh((picture - 0.7) / 0.3), picture)
     return np.asarray(np.rint(255 * np.clip(picture, 0, 1) ** (1 / 2.2)), np.uint8)
-
-
-def _edges(picture: Float32) -> NDArray[np.bool_]:
-    """(H, W) pixels that differ visibly from a neighbour."""
-    import cv2
-
-    tone = np.minimum(picture, 4.0) ** 0.45
-    different = np.zeros(picture.shape[:2], np.uint8)
-    step = np.abs(np.diff(tone, axis=0)).max(axis=-1) > 0.03
-    different[1:] |= step
-    different[:-1] |= step
-    step = np.abs(np.diff(tone, axis=1)).max(axis=-1) > 0.03
-    different[:, 1:] |= step
-    different[:, :-1] |= step
-    return np.asarray(cv2.dilate(different, np.ones((3, 3), np.uint8)) > 0)

@@ -114,13 +114,13 @@ class Ouster:
             aim = direction + rng.normal(scale=np.deg2rad(_BEAM_STD_DEG), size=(n, 3))
             aim = aim / np.linalg.norm(aim, axis=1, keepdims=True)
         T = np.asarray(T_world_lidar, float)
-        world_origin = se3.apply(T, origin).astype(np.float32)
-        world_aim = (aim @ T[:3, :3].T).astype(np.float32)
-        hits = scene.cast(world_origin, world_aim)
+        rays = np.concatenate([se3.apply(T, origin), aim @ T[:3, :3].T], axis=1)
+        rays = np.ascontiguousarray(rays, np.float32)
+        hits = scene.cast(rays)
         distance = np.where(hits.hit, hits.distance, 0.0)
         safe = np.maximum(distance, MIN_RANGE_M)
-        triangle = np.where(hits.hit, hits.triangle, 0).astype(np.uint32)
-        points = world_origin + distance[:, None] * world_aim
+        triangle = hits.triangle
+        points = (rays[:, :3] + distance[:, None] * rays[:, 3:]).astype(np.float32)
         footprint = (safe * np.deg2rad(0.2)).astype(np.float32)
         albedo = scene.albedo(points, triangle, footprint).mean(axis=1)
         reflectivity = np.clip(albedo * scene.property_of("near_infrared")[triangle], 0.01, 1.0)

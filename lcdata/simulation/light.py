@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.simulation import kernels
 from lcdata.simulation.raycast import Hits, RayCaster
 
 Float32 = NDArray[np.float32]
@@ -48,58 +49,42 @@ class Light:
     near_infrared: float = 1.0
 
     def radiance(
-        self, scene: RayCaster, origin: Float32, directions: Float32, pixel_rad: float
-    ) -> tuple[Float32, Hits]:
-        """Light that comes in along N rays.
+        self, scene: RayCaster, rays: Float32, pixel_rad: float
+    ) -> tuple[Float32, Hits, NDArray[np.uint8]]:
+        """Light that comes in along rays.
 
         Args:
             scene: What the rays meet.
-            origin: (3,) where they start, metres.
-            directions: (N, 3) unit vectors.
+            rays: (N, 6) origin (m) and unit direction.
             pixel_rad: Angle of one pixel, for the filtering of textures.
 
         Returns:
-            (N, 3) linear RGB, and the hits.
+            (N, 3) linear RGB, the hits, and (N,) a bit for each lamp that is hidden.
         """
-        hits = scene.cast(origin, directions)
-        seen = np.flatnonzero(hits.hit)
-        out = self._sky(directions)
-        distance = hits.distance[seen]
-        points = origin + distance[:, None] * directions[seen]
-        normal, triangle = hits.normal[seen], hits.triangle[seen]
-        footprint = distance * np.float32(pixel_rad) / np.maximum(hits.cosine[seen], 0.15)
-        albedo = scene.albedo(points, triangle, footprint.astype(np.float32))
-        up = 0.5 + 0.5 * normal[:, 2:]
-        light = up * np.float32(self.above) + (1 - up) * np.float32(self.below)
-        off_surface = points + 2e-3 * normal
-        for lamp in self.lamps:
-            towards = np.broadcast_to(np.float32(lamp.xyz), points.shape)
-            reach: Float32 | float = 500.0
-            fall = np.ones(len(points), np.float32)
-            if not lamp.sun:
-                towards = towards - off_surface
-                reach = np.linalg.norm(towards, axis=1)
-                fall = np.minimum(25.0 / reach**2, 4.0)
-            towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-            facing = np.einsum("ni,ni->n", normal, towards)
-            bright = np.flatnonzero(facing > 0)
-            far = reach if isinstance(reach, float) else reach[bright]
-            free = scene.lit(off_surface[bright], towards[bright], far)
-            strength = facing[bright] * fall[bright] * free
-            light[bright] += strength[:, None] * np.float32(lamp.color)
-        out[seen] = albedo * (light + scene.property_of("glow")[triangle][:, None])
-        gloss = scene.property_of("gloss")[triangle][:, None]
-        mirrored = self._sky(
-            directions[seen]
-            - 2 * (np.einsum("ni,ni->n", directions[seen], normal)[:, None] * normal)
+        hits = scene.cast(rays)
+        distance = np.where(hits.hit, hits.distance, np.float32(0))
+        points = rays[:, :3] + distance[:, None] * rays[:, 3:]
+        footprint = distance * np.float32(pixel_rad) / np.maximum(hits.cosine, np.float32(0.15))
+        albedo = scene.albedo(points, hits.triangle, footprint)
+        light = kernels.ambient(hits.normal, np.float32(self.above), np.float32(self.below))
+        shadows = np.zeros(len(rays), np.uint8)
+        for bit, lamp in enumerate(self.lamps):
+            to_lamp, index, strength = kernels.shadow_rays(
+                points, hits.normal, np.float32(lamp.xyz), lamp.sun
+            )
+            color = np.float32(lamp.color)
+            blocked = scene.blocked(to_lamp)
+            kernels.add_light(light, shadows, bit, index, strength, blocked, color)
+        radiance = kernels.compose(
+            rays,
+            hits.normal,
+            hits.cosine,
+            albedo,
+            light,
+            scene.property_of("glow")[hits.triangle],
+            scene.property_of("gloss")[hits.triangle],
+            np.float32(self.sky),
+            np.float32(self.horizon),
+            np.float32(self.below),
         )
-        fresnel = gloss * (0.08 + 0.6 * (1 - hits.cosine[seen][:, None]) ** 3)
-        out[seen] = out[seen] * (1 - fresnel) + fresnel * mirrored
-        return out, hits
-
-    def _sky(self, directions: Float32) -> Float32:
-        """(N, 3) sky along directions; what looks down meets haze as bright as the ground."""
-        height = np.clip(directions[:, 2:], 0, 1) ** 0.6
-        below = np.clip(-3 * directions[:, 2:], 0, 1)
-        sky = (1 - height) * np.float32(self.horizon) + height * np.float32(self.sky)
-        return np.asarray((1 - below) * sky + below * np.float32(self.below), np.float32)
+        return radiance, hits, shadows

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.open3d_loader import open3d
-from lcdata.simulation import textures
+from lcdata.simulation import kernels, textures
 from lcdata.simulation.mesh import Material, Part
 
 Float32 = NDArray[np.float32]
@@ -24,9 +24,9 @@ class Hits:
 
     Args:
         distance: (N,) metres along the ray; infinity where it met nothing.
-        triangle: (N,) triangle number; meaningless where it met nothing.
-        normal: (N, 3) unit normal that faces the ray's origin.
-        cosine: (N,) of the angle of incidence, 0 ... 1.
+        triangle: (N,) triangle number; 0 where it met nothing.
+        normal: (N, 3) unit normal that faces the ray's origin; zero where it met nothing.
+        cosine: (N,) of the angle of incidence, 0 ... 1; 0 where it met nothing.
     """
 
     distance: Float32
@@ -65,33 +65,20 @@ class RayCaster:
         triangles = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
         self._scene.add_triangles(self._tensor(corners.reshape(-1, 3)), self._tensor(triangles))
 
-    def cast(self, origin: Float32, directions: Float32) -> Hits:
-        """First hits of N rays.
-
-        Args:
-            origin: (3,) or (N, 3), metres.
-            directions: (N, 3) unit vectors.
-        """
-        rays = np.empty((len(directions), 6), np.float32)
-        rays[:, :3], rays[:, 3:] = origin, directions
+    def cast(self, rays: Float32) -> Hits:
+        """First hits of (N, 6) rays: origin (m) and unit direction."""
         result = self._scene.cast_rays(self._tensor(rays))
         triangle = result["primitive_ids"].numpy()
-        distance = result["t_hit"].numpy()
-        normal = self._normals[np.where(triangle == _NOTHING, 0, triangle)]
-        cosine = np.einsum("ni,ni->n", normal, rays[:, 3:])
-        normal = np.where(cosine[:, None] > 0, -normal, normal)
-        return Hits(distance, triangle, normal, np.abs(cosine))
+        normal, cosine = kernels.facing(rays, triangle, self._normals)
+        triangle[triangle == _NOTHING] = 0
+        return Hits(result["t_hit"].numpy(), triangle, normal, cosine)
 
-    def lit(self, points: Float32, directions: Float32, reach: Float32 | float) -> Any:
-        """(N,) whether nothing stands within `reach` metres along the rays from `points`."""
-        rays = np.empty((len(points), 6), np.float32)
-        rays[:, :3], rays[:, 3:] = points, directions
-        if np.isscalar(reach):
-            blocked = self._scene.test_occlusions(self._tensor(rays), 1e-3, float(reach))  # type: ignore[arg-type]
-        else:  # lengths of unequal rays: make each ray end at 1
-            rays[:, 3:] *= np.asarray(reach, np.float32)[:, None]
-            blocked = self._scene.test_occlusions(self._tensor(rays), 0.0, 1.0)
-        return ~blocked.numpy()
+    def blocked(self, rays: Float32) -> NDArray[np.bool_]:
+        """(N,) whether something stands on (N, 6) rays before they reach length 1."""
+        blocked: NDArray[np.bool_] = self._scene.test_occlusions(
+            self._tensor(rays), 0.0, 1.0
+        ).numpy()
+        return blocked
 
     def albedo(self, points: Float32, triangle: NDArray[np.uint32], footprint: Float32) -> Float32:
         """(N, 3) linear RGB of hit points, see `textures.albedo`."""
