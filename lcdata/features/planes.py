@@ -68,14 +68,17 @@ def find_planes(grid: ScanGrid) -> Planes:
         points, table, turn, ring_step, column_step, stride, WINDOW_M, noise
     )
     nodes = np.ascontiguousarray(points[:, ::stride])
-    node_labels, normal_matrices, vectors = grow(nodes, fits, residuals, turn, noise)
-    parents = merge(nodes, node_labels, normal_matrices, vectors, turn, noise)
+    node_labels, sums, vectors = grow(
+        nodes, fits, residuals, turn, ring_step, stride * column_step, noise
+    )
+    parents = merge(nodes, node_labels, sums, vectors, turn, noise)
     roots = np.flatnonzero(parents == np.arange(len(parents)))
     new = np.full(len(parents) + 1, -1, np.int32)
     new[roots] = np.arange(len(roots))
     new[:-1] = new[parents]
-    inverse, matrices = vectors[roots], normal_matrices[roots, :, :3]
+    inverse = vectors[roots]
     labels = spread(points, new[node_labels], inverse, stride, turn, noise)
+    matrices = sums[roots][:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     return Planes(labels, inverse, np.linalg.inv(matrices), noise)
 
 
@@ -94,7 +97,8 @@ def window_table(points: Floats, pad: int) -> Array:
     table = np.zeros((rings + 1, columns + 2 * pad + 1, 10))
     row = np.zeros(10)
     for i in range(rings):
-        row[:] = 0.0
+        for m in range(10):
+            row[m] = 0.0
         for k in range(columns + 2 * pad):
             j = k - pad
             if j < 0:
@@ -121,21 +125,26 @@ def window_table(points: Floats, pad: int) -> Array:
 
 
 @njit(cache=True)
-def solve3(m: Array, b: Array, x: Array) -> bool:
-    """Solve a symmetric positive 3x3 system, m as xx xy xz yy yz zz; False if singular."""
-    c0 = m[3] * m[5] - m[4] * m[4]
-    c1 = m[2] * m[4] - m[1] * m[5]
-    c2 = m[1] * m[4] - m[2] * m[3]
-    determinant = m[0] * c0 + m[1] * c1 + m[2] * c2
-    scale = m[0] + m[3] + m[5]
+def solve3(s: Array, a: Array) -> bool:
+    """Solve a symmetric positive 3x3 system; False if it is singular.
+
+    Args:
+        s: (9+,) the matrix as xx xy xz yy yz zz, then the right side.
+        a: (3,) takes the solution.
+    """
+    c0 = s[3] * s[5] - s[4] * s[4]
+    c1 = s[2] * s[4] - s[1] * s[5]
+    c2 = s[1] * s[4] - s[2] * s[3]
+    determinant = s[0] * c0 + s[1] * c1 + s[2] * c2
+    scale = s[0] + s[3] + s[5]
     if determinant <= 1e-13 * scale * scale * scale:
         return False
-    c3 = m[0] * m[5] - m[2] * m[2]
-    c4 = m[1] * m[2] - m[0] * m[4]
-    c5 = m[0] * m[3] - m[1] * m[1]
-    x[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant
-    x[1] = (c1 * b[0] + c3 * b[1] + c4 * b[2]) / determinant
-    x[2] = (c2 * b[0] + c4 * b[1] + c5 * b[2]) / determinant
+    c3 = s[0] * s[5] - s[2] * s[2]
+    c4 = s[1] * s[2] - s[0] * s[4]
+    c5 = s[0] * s[3] - s[1] * s[1]
+    a[0] = (c0 * s[6] + c1 * s[7] + c2 * s[8]) / determinant
+    a[1] = (c1 * s[6] + c3 * s[7] + c4 * s[8]) / determinant
+    a[2] = (c2 * s[6] + c4 * s[7] + c5 * s[8]) / determinant
     return True
 
 
@@ -189,7 +198,7 @@ def local_fits(
                 n = sums[0] + sums[3] + sums[5]
                 if n < 0.5 * (right - left) * (bottom - top) or n < 7.5:
                     break
-                if not solve3(sums[:6], sums[6:9], a):
+                if not solve3(sums, a):
                     break
                 inside = a[0] * x + a[1] * y + a[2] * z
                 if inside <= 0.0:
@@ -222,21 +231,26 @@ def off_plane(a0: float, a1: float, a2: float, x: float, y: float, z: float, noi
 
 @njit(cache=True)
 def grow(
-    points: Floats, fits: Floats, residuals: Floats, turn: bool, noise: float
+    points: Floats,
+    fits: Floats,
+    residuals: Floats,
+    turn: bool,
+    ring_step: float,
+    column_step: float,
+    noise: float,
 ) -> tuple[Labels, Array, Array]:
     """Grow regions over nodes with a local fit: 15 deg to the region's normal, 3 sigma.
 
     Returns:
-        (R, N) labels with -1 for none, (P, 3, 4) normal matrix and right side of each region's
-        weighted least squares, (P, 3) its vectors a.
+        (R, N) labels with -1 for none, (P, 9) sums of each region's weighted least squares,
+        (P, 3) its vectors a.
     """
     rings, columns = fits.shape[:2]
     labels = np.full((rings, columns), -1, np.int32)
     queue = np.empty(rings * columns, np.int32)
     capacity = 4096
-    matrices = np.zeros((capacity, 3, 4))
-    vectors = np.zeros((capacity, 3))
-    a, m, b = np.zeros(3), np.zeros(6), np.zeros(3)
+    sums, vectors = np.zeros((capacity, 9)), np.zeros((capacity, 3))
+    a, s = np.zeros(3), np.zeros(9)
     cosine_limit = np.cos(GROW_ANGLE)
     regions = 0
     for attempt in range(2):
@@ -246,9 +260,15 @@ def grow(
             if labels[si, sj] != -1 or residuals[si, sj] >= limit or regions == capacity:
                 continue
             a[0], a[1], a[2] = fits[si, sj, 0], fits[si, sj, 1], fits[si, sj, 2]
-            m[:], b[:] = 0.0, 0.0
+            for k in range(9):
+                s[k] = 0.0
             labels[si, sj] = regions
-            queue[0], head, tail, refit = seed, 0, 1, 12
+            queue[0], head, tail = seed, 0, 1
+            # Fewer points than the seed's own window had would make its plane worse.
+            half = WINDOW_M * np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+            window = 1.0 + 2.0 * min(half / ring_step, MOST_RINGS_ASIDE)
+            window *= 1.0 + 2.0 * min(half / column_step, MOST_COLUMNS_ASIDE)
+            refit = int(window)
             norm = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
             while head < tail:
                 i, j = queue[head] // columns, queue[head] % columns
@@ -262,17 +282,17 @@ def grow(
                 inside = (a[0] * x + a[1] * y + a[2] * z) / norm
                 cosine = inside * inside / square
                 weight = square * cosine / (noise * noise * cosine + ROUGHNESS_SQUARE)
-                m[0] += weight * x * x
-                m[1] += weight * x * y
-                m[2] += weight * x * z
-                m[3] += weight * y * y
-                m[4] += weight * y * z
-                m[5] += weight * z * z
-                b[0] += weight * x
-                b[1] += weight * y
-                b[2] += weight * z
+                s[0] += weight * x * x
+                s[1] += weight * x * y
+                s[2] += weight * x * z
+                s[3] += weight * y * y
+                s[4] += weight * y * z
+                s[5] += weight * z * z
+                s[6] += weight * x
+                s[7] += weight * y
+                s[8] += weight * z
                 if head == refit:
-                    if solve3(m, b, a):
+                    if solve3(s, a):
                         norm = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
                     refit = refit + refit // 2
                 for step in range(4):
@@ -303,21 +323,18 @@ def grow(
                     labels[ni, nj] = regions
                     queue[tail] = ni * columns + nj
                     tail += 1
-            if tail >= FEWEST_NODES and solve3(m, b, a):
-                vectors[regions] = a
-                matrices[regions, 0, 0], matrices[regions, 1, 1] = m[0], m[3]
-                matrices[regions, 2, 2] = m[5]
-                matrices[regions, 0, 1] = matrices[regions, 1, 0] = m[1]
-                matrices[regions, 0, 2] = matrices[regions, 2, 0] = m[2]
-                matrices[regions, 1, 2] = matrices[regions, 2, 1] = m[4]
-                matrices[regions, :, 3] = b
+            if tail >= max(FEWEST_NODES, 0.1 * window) and solve3(s, a):
+                for k in range(3):
+                    vectors[regions, k] = a[k]
+                for k in range(9):
+                    sums[regions, k] = s[k]
                 regions += 1
             else:
                 # Too small: left for regions that come later, but no seed again.
                 for n in range(tail):
                     labels[queue[n] // columns, queue[n] % columns] = -1
                     residuals[queue[n] // columns, queue[n] % columns] = NO_SEED
-    return labels, matrices[:regions], vectors[:regions]
+    return labels, sums[:regions].copy(), vectors[:regions].copy()
 
 
 @njit(cache=True)
@@ -331,7 +348,7 @@ def find(parents: Labels, label: int) -> int:
 
 @njit(cache=True)
 def merge(
-    points: Floats, labels: Labels, matrices: Array, vectors: Array, turn: bool, noise: float
+    points: Floats, labels: Labels, sums: Array, vectors: Array, turn: bool, noise: float
 ) -> Labels:
     """Join neighbouring regions that are one plane: 4 deg between normals, 2 sigma apart.
 
@@ -341,9 +358,11 @@ def merge(
         (P,) root of each region.
     """
     rings, columns = labels.shape
-    parents = np.arange(len(vectors)).astype(np.int32)
+    parents = np.empty(len(vectors), np.int32)
+    for k in range(len(vectors)):
+        parents[k] = k
     cosine_limit = np.cos(MERGE_ANGLE)
-    m, b, a = np.zeros(6), np.zeros(3), np.zeros(3)
+    a, s = np.zeros(3), np.zeros(9)
     for i in range(rings):
         for j in range(columns):
             if labels[i, j] < 0:
@@ -377,14 +396,14 @@ def merge(
                 x, y, z = x * reach, y * reach, z * reach
                 if off_plane(v[0], v[1], v[2], x, y, z, noise) > MERGE_SIGMA:
                     continue
-                sums = matrices[one] + matrices[other]
-                m[0], m[1], m[2] = sums[0, 0], sums[0, 1], sums[0, 2]
-                m[3], m[4], m[5] = sums[1, 1], sums[1, 2], sums[2, 2]
-                b[:] = sums[:, 3]
-                if solve3(m, b, a):
+                for k in range(9):
+                    s[k] = sums[one, k] + sums[other, k]
+                if solve3(s, a):
                     parents[other] = one
-                    matrices[one] = sums
-                    vectors[one] = a
+                    for k in range(9):
+                        sums[one, k] = s[k]
+                    for k in range(3):
+                        vectors[one, k] = a[k]
     return parents
 
 

@@ -16,6 +16,7 @@ from lcdata.features.planes import Floats, Labels, Planes
 from lcdata.features.scan_grid import ScanGrid
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 STEP_M, STEP_SIGMA = 0.1, 5.0
 """How much farther the outside must be, in metres and in standard deviations of range."""
@@ -38,7 +39,7 @@ def find_silhouettes(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDAr
         (M, 2, 3) segments in metres, (M,) standard deviations of their position across
         themselves in metres, (M,) number of edge points on each.
     """
-    points, rings, columns = grid.points, *grid.points.shape[:2]
+    points, columns = grid.points, grid.points.shape[1]
     seen = (points[..., 0] != 0) | (points[..., 1] != 0)
     labels, rays, halves = edge_points(
         points,
@@ -53,17 +54,97 @@ def find_silhouettes(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDAr
     )
     order = np.argsort(labels, kind="stable")
     labels, rays, halves = labels[order], rays[order], halves[order]
-    normals, ends, owners, counts, spreads = outline_lines(
-        labels, rays, halves, grid.ring_step, abs(grid.column_step)
+    lines, normals = outlines(labels, rays, halves, grid.ring_step)
+    order, first, last = _runs(lines, rays, normals, grid.ring_step)
+    if not len(first):
+        return np.zeros((0, 2, 3)), np.zeros(0), np.zeros(0, np.int64)
+    owners = labels[order[first]]
+    ends = rays[order[np.stack([first, last], axis=1)]]
+    normals, variance = _fit_runs(
+        rays[order], halves[order], normals[lines[order]], first, grid.ring_step
     )
+    # Beams of one column (ring) share their error: only a new column (ring) averages it.
+    azimuth, height = np.arctan2(ends[..., 1], ends[..., 0]), np.arcsin(ends[..., 2])
+    turn = np.abs((np.diff(azimuth)[:, 0] + np.pi) % (2 * np.pi) - np.pi) / abs(grid.column_step)
+    steps = 1 + np.minimum(turn, np.abs(np.diff(height)[:, 0]) / grid.ring_step)
+
+    # The end rays are put on the line's own plane, then on the surface.
     inverse = planes.inverse[owners]
-    # End rays are put on the line's plane, then on the surface.
     ends = ends - (ends @ normals[..., None]) * normals[:, None]
     segments = ends / np.einsum("mei,mi->me", ends, inverse)[..., None]
-    across = spreads * np.linalg.norm(segments, axis=2).max(axis=1)
-    variance = np.einsum("mei,mij,mej->me", segments, planes.covariance[owners], segments)
-    surface = variance.max(axis=1) / (inverse**2).sum(axis=1)
-    return segments, np.sqrt(across**2 + surface), counts
+    beam = variance / steps * (segments**2).sum(axis=2).max(axis=1)
+    surface = np.einsum("mei,mij,mej->me", segments, planes.covariance[owners], segments)
+    surface = surface.max(axis=1) / (inverse**2).sum(axis=1)
+    return segments, np.sqrt(beam + surface), last - first + 1
+
+
+def _runs(
+    lines: Labels, rays: Array, normals: Array, ring_step: float
+) -> tuple[Indices, Indices, Indices]:
+    """Cut lines at gaps and drop pieces with too few edge points for their length.
+
+    Returns:
+        (J,) edge points in order along their runs, and the places in it of (M,) first and (M,)
+        last points of runs.
+    """
+    order = np.flatnonzero(lines >= 0)
+    line, ray = lines[order], rays[order]
+    middle = np.stack([np.bincount(line, ray[:, k], len(normals)) for k in range(3)], axis=1)
+    along = np.cross(normals, middle)
+    middle = np.cross(along, normals)
+    x = np.arctan2((ray * along[line]).sum(axis=1), (ray * middle[line]).sum(axis=1))
+    by_line = np.lexsort((x, line))
+    order, line, x = order[by_line], line[by_line], x[by_line]
+    cut = (np.diff(line) != 0) | (np.diff(x) > LARGEST_GAP_BEAMS * ring_step)
+    first = np.concatenate([[0], np.flatnonzero(cut) + 1])[: len(order)]
+    last = np.concatenate([first[1:], [len(order)]])[: len(first)] - 1
+    fewest = np.maximum(FEWEST_POINTS, SMALLEST_DENSITY * (x[last] - x[first]) / ring_step)
+    kept = np.flatnonzero(last - first + 1 >= fewest)
+    first, last = first[kept], last[kept]
+    length = last - first + 1
+    place = np.cumsum(length) - length
+    member = np.repeat(first - place, length) + np.arange(length.sum())
+    return order[member], place, place + length - 1
+
+
+def _fit_runs(
+    rays: Array, halves: Array, normals: Array, first: Indices, ring_step: float
+) -> tuple[Array, Array]:
+    """Least squares of a plane through the scanner to each run of edge points.
+
+    An edge point's error is even over half a beam either way, so its weight depends on how
+    the line runs against the beams.
+
+    Args:
+        rays: (J, 3) of the runs, one after the other.
+        halves: (J, 3) half a beam across the edge.
+        normals: (J, 3) of each ray's first guess.
+        first: (M,) where runs start.
+        ring_step: Radians.
+
+    Returns:
+        (M, 3) unit normals, (M,) variance of an edge point across the line, radians^2.
+    """
+    count = np.diff(first, append=len(rays))
+    middle = np.repeat(rays[first + count // 2], count, axis=0)
+    along = np.cross(normals, middle)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    middle = np.cross(along, normals)
+    u, v, y, h = (
+        np.einsum("ki,ki->k", a, b)
+        for a, b in ((rays, middle), (rays, along), (rays, normals), (halves, normals))
+    )
+    weight = 1 / (h * h / 3 + (EPSILON_BEAMS * ring_step) ** 2)
+    uu, uv, vv, yu, yv, w = np.add.reduceat(
+        weight * np.stack([u * u, u * v, v * v, y * u, y * v, np.ones_like(u)]), first, axis=1
+    )
+    determinant = uu * vv - uv * uv
+    fitted = (
+        normals[first]
+        - ((yu * vv - yv * uv) / determinant)[:, None] * middle[first]
+        - ((yv * uu - yu * uv) / determinant)[:, None] * along[first]
+    )
+    return fitted / np.linalg.norm(fitted, axis=1, keepdims=True), count / w
 
 
 @njit(cache=True)
@@ -154,166 +235,121 @@ def edge_points(
 
 
 @njit(cache=True)
-def refine(
-    rays: Array, halves: Array, chosen: NDArray[np.bool_], normal: Array, eps: float
-) -> None:
-    """Least squares of a plane through the scanner to the chosen rays, in place.
-
-    An edge point's error is even over half a beam either way, so its weight depends on how
-    the line runs against the beam grid: in the plane's frame, across = alpha + beta * along.
-    """
-    centre = np.zeros(3)
-    for k in range(len(rays)):
-        if chosen[k]:
-            centre += rays[k]
-    centre -= np.dot(centre, normal) * normal
-    centre /= np.sqrt(np.dot(centre, centre))
-    along = np.cross(normal, centre)
-    s0, s1, s2, y0, y1 = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(len(rays)):
-        if chosen[k]:
-            x, y, d = np.dot(rays[k], along), np.dot(rays[k], normal), np.dot(rays[k], centre)
-            bound = np.dot(halves[k], normal)
-            w = 1.0 / (bound * bound / 3.0 + eps * eps)
-            s0 += w * d * d
-            s1 += w * d * x
-            s2 += w * x * x
-            y0 += w * d * y
-            y1 += w * x * y
-    determinant = s0 * s2 - s1 * s1
-    if determinant <= 1e-12 * s0 * s2:
-        return
-    alpha, beta = (y0 * s2 - y1 * s1) / determinant, (s0 * y1 - s1 * y0) / determinant
-    normal -= alpha * centre + beta * along
-    normal /= np.sqrt(np.dot(normal, normal))
-
-
-@njit(cache=True)
-def add_runs(
-    rays: Array,
-    halves: Array,
-    line: Array,
-    ring_step: float,
-    column_step: float,
-    lines: int,
-    normals: Array,
-    ends: Array,
-    counts: NDArray[np.int64],
-    spreads: Array,
-) -> int:
-    """Cut a line's edge points at gaps and store each run that is dense enough.
-
-    Returns:
-        The number of lines stored so far.
-    """
-    along = np.cross(line, rays[0])
-    x = np.arctan2(rays @ along, rays @ np.cross(along, line))
-    order = np.argsort(x)
-    eps = EPSILON_BEAMS * ring_step
-    first = 0
-    for k in range(1, len(order) + 1):
-        if k < len(order) and x[order[k]] - x[order[k - 1]] < LARGEST_GAP_BEAMS * ring_step:
-            continue
-        run = order[first:k]
-        first = k
-        angle = x[run[-1]] - x[run[0]]
-        if len(run) < max(FEWEST_POINTS, SMALLEST_DENSITY * angle / ring_step):
-            continue
-        u, h = rays[run], halves[run]
-        normal = line.copy()
-        refine(u, h, np.ones(len(u), np.bool_), normal, eps)
-        rise = abs(u[-1, 2] - u[0, 2]) / ring_step
-        turn = abs(u[-1, 0] * u[0, 1] - u[-1, 1] * u[0, 0]) / column_step
-        # Beams of one column (ring) share their error: only a new column (ring) averages it.
-        steps = 1.0 + min(rise, turn)
-        spreads[lines] = np.sqrt(np.mean((h @ normal) ** 2) / (3.0 * steps))
-        normals[lines] = normal
-        ends[lines, 0], ends[lines, 1] = u[0], u[-1]
-        counts[lines] = len(run)
-        lines += 1
-    return lines
-
-
-@njit(cache=True)
-def outline_lines(
-    labels: Labels, rays: Array, halves: Array, ring_step: float, column_step: float
-) -> tuple[Array, Array, Labels, NDArray[np.int64], Array]:
-    """RANSAC of planes through the scanner, region by region, split at gaps.
+def outlines(labels: Labels, rays: Array, halves: Array, ring_step: float) -> tuple[Labels, Array]:
+    """RANSAC of planes through the scanner, region by region.
 
     Args:
         labels: (K,) sorted.
         rays: (K, 3) unit edge rays.
         halves: (K, 3) half a beam across the edge.
         ring_step: Radians.
-        column_step: Radians.
 
     Returns:
-        (M, 3) normals, (M, 2, 3) end rays, (M,) labels, (M,) point counts, (M,) angular
-        standard deviations across the line.
+        (K,) line of each edge point, -1 for none, and (M, 3) normals of the lines' planes.
     """
-    capacity = len(labels) // FEWEST_POINTS + 1
-    normals, ends = np.zeros((capacity, 3)), np.zeros((capacity, 2, 3))
-    owners, counts = np.zeros(capacity, np.int32), np.zeros(capacity, np.int64)
-    spreads = np.zeros(capacity)
-    lines = 0
+    lines = np.full(len(labels), -1, np.int32)
+    normals = np.zeros((len(labels) // FEWEST_POINTS + 1, 3))
+    active = np.empty(len(labels), np.int32)
     eps = EPSILON_BEAMS * ring_step
-    np.random.seed(0)
-    normal, best = np.zeros(3), np.zeros(3)
-    start = 0
+    shortest, longest = (4.0 * ring_step) ** 2, (60.0 * ring_step) ** 2
+    found, start = 0, 0
+    state = np.uint32(1)
     while start < len(labels):
-        stop = start
+        count, stop = 0, start
         while stop < len(labels) and labels[stop] == labels[start]:
-            stop += 1
-        u, h = rays[start:stop].copy(), halves[start:stop].copy()
-        misses = 0
-        while len(u) >= FEWEST_POINTS and misses < 3:
-            most = 0
+            active[count] = stop
+            stop, count = stop + 1, count + 1
+        start = stop
+        while count >= FEWEST_POINTS:
+            most, b0, b1, b2 = 0, 0.0, 0.0, 0.0
             for _ in range(TRIALS):
-                one = np.random.randint(len(u))
-                for _ in range(8):
-                    two = np.random.randint(len(u))
-                    chord = u[one] - u[two]
-                    distance = np.sqrt(np.dot(chord, chord))
-                    if 4.0 * ring_step < distance < 60.0 * ring_step:
+                square, one, two = 0.0, 0, 0
+                for attempt in range(8):
+                    # A linear congruential generator: the same lines on every run.
+                    state = np.uint32(state * np.uint32(1664525) + np.uint32(1013904223))
+                    if attempt == 0:
+                        one = active[(state >> np.uint32(8)) % np.uint32(count)]
+                        continue
+                    two = active[(state >> np.uint32(8)) % np.uint32(count)]
+                    square = 0.0
+                    for m in range(3):
+                        square += (rays[one, m] - rays[two, m]) ** 2
+                    if shortest < square < longest:
                         break
-                if distance <= 4.0 * ring_step:
+                if square <= shortest:
                     continue
-                normal[:] = np.cross(u[one], u[two])
-                normal /= np.sqrt(np.dot(normal, normal))
+                n0 = rays[one, 1] * rays[two, 2] - rays[one, 2] * rays[two, 1]
+                n1 = rays[one, 2] * rays[two, 0] - rays[one, 0] * rays[two, 2]
+                n2 = rays[one, 0] * rays[two, 1] - rays[one, 1] * rays[two, 0]
+                norm = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+                n0, n1, n2 = n0 / norm, n1 / norm, n2 / norm
                 votes = 0
-                for k in range(len(u)):
-                    off = abs(u[k, 0] * normal[0] + u[k, 1] * normal[1] + u[k, 2] * normal[2])
-                    bound = abs(h[k, 0] * normal[0] + h[k, 1] * normal[1] + h[k, 2] * normal[2])
-                    if off < bound + eps:
+                for k in range(count):
+                    if on_line(rays, halves, active[k], n0, n1, n2, eps):
                         votes += 1
                 if votes > most:
-                    most = votes
-                    best[:] = normal
+                    most, b0, b1, b2 = votes, n0, n1, n2
             if most < FEWEST_POINTS:
                 break
-            near = np.abs(u @ best) < np.abs(h @ best) + eps
-            for _ in range(2):
-                refine(u, h, near, best, eps)
-                near = np.abs(u @ best) < np.abs(h @ best) + eps
-            chosen = np.flatnonzero(near)
-            if len(chosen) < FEWEST_POINTS:
-                misses += 1
-                continue
-            found = add_runs(
-                u[chosen],
-                h[chosen],
-                best,
-                ring_step,
-                column_step,
-                lines,
-                normals,
-                ends,
-                counts,
-                spreads,
-            )
-            misses = 0 if found > lines else misses + 1
-            owners[lines:found] = labels[start]
-            lines = found
-            u, h = u[~near], h[~near]
-        start = stop
-    return normals[:lines], ends[:lines], owners[:lines], counts[:lines], spreads[:lines]
+            b0, b1, b2 = refit(rays, halves, active, count, b0, b1, b2, eps)
+            rest = 0
+            for k in range(count):
+                if on_line(rays, halves, active[k], b0, b1, b2, eps):
+                    lines[active[k]] = found
+                else:
+                    active[rest] = active[k]
+                    rest += 1
+            count = rest
+            normals[found, 0], normals[found, 1], normals[found, 2] = b0, b1, b2
+            found += 1
+    return lines, normals[:found].copy()
+
+
+@njit(cache=True)
+def on_line(
+    rays: Array, halves: Array, k: int, n0: float, n1: float, n2: float, eps: float
+) -> bool:
+    """Whether the line runs between the two beams of an edge point."""
+    off = abs(rays[k, 0] * n0 + rays[k, 1] * n1 + rays[k, 2] * n2)
+    return off < abs(halves[k, 0] * n0 + halves[k, 1] * n1 + halves[k, 2] * n2) + eps
+
+
+@njit(cache=True)
+def refit(
+    rays: Array,
+    halves: Array,
+    active: Labels,
+    count: int,
+    n0: float,
+    n1: float,
+    n2: float,
+    eps: float,
+) -> tuple[float, float, float]:
+    """Least squares over all edge points on a line that only two of them defined."""
+    c0, c1, c2 = 0.0, 0.0, 0.0
+    for k in range(count):
+        i = active[k]
+        if on_line(rays, halves, i, n0, n1, n2, eps):
+            c0, c1, c2 = c0 + rays[i, 0], c1 + rays[i, 1], c2 + rays[i, 2]
+    norm = np.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
+    c0, c1, c2 = c0 / norm, c1 / norm, c2 / norm
+    d0, d1, d2 = n1 * c2 - n2 * c1, n2 * c0 - n0 * c2, n0 * c1 - n1 * c0
+    uu, uv, vv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        i = active[k]
+        if on_line(rays, halves, i, n0, n1, n2, eps):
+            u = rays[i, 0] * c0 + rays[i, 1] * c1 + rays[i, 2] * c2
+            v = rays[i, 0] * d0 + rays[i, 1] * d1 + rays[i, 2] * d2
+            y = rays[i, 0] * n0 + rays[i, 1] * n1 + rays[i, 2] * n2
+            uu, uv, vv, yu, yv = uu + u * u, uv + u * v, vv + v * v, yu + y * u, yv + y * v
+    determinant = uu * vv - uv * uv
+    if determinant <= 0.0:
+        return n0, n1, n2
+    alpha, beta = (yu * vv - yv * uv) / determinant, (yv * uu - yu * uv) / determinant
+    n0, n1, n2 = (
+        n0 - alpha * c0 - beta * d0,
+        n1 - alpha * c1 - beta * d1,
+        n2 - alpha * c2 - beta * d2,
+    )
+    norm = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    return n0 / norm, n1 / norm, n2 / norm
