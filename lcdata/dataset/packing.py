@@ -103,17 +103,14 @@ def write_pair(folder: Path, scenario: str, pair: RecordedPair, camera: Camera) 
         DatasetError: The disk is full, or cannot be written.
     """
     pair_id, cloud, image = pair.pair_id, pair.cloud, pair.image
+    data, suffix = image.encoded()
     if (image.width, image.height) != (camera.width, camera.height):
         raise MessageError(
             f"image of {image.width}x{image.height}, the camera has {camera.width}x{camera.height}",
             "give the camera of these images in the rig",
         )
     cloud_name, cloud_sha256, points = write_cloud(folder, pair_id, cloud)
-    try:
-        image_name, image_sha256 = write_image(folder, pair_id, image)
-    except MessageError:
-        (folder / cloud_name).unlink()
-        raise
+    image_name, image_sha256 = write_image(folder, pair_id, data, suffix)
     return PairRecord(
         pair_id=pair_id,
         scenario=scenario,

@@ -10,7 +10,7 @@ from pathlib import Path
 from lcdata.dataset import atomic, cloud_file, schema
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord
 from lcdata.errors import MessageError
-from lcdata.recording.messages import Cloud, Image
+from lcdata.recording.messages import Cloud
 
 
 def write_cloud(folder: Path, pair_id: str, cloud: Cloud) -> tuple[str, str, int]:
@@ -35,17 +35,15 @@ def write_cloud(folder: Path, pair_id: str, cloud: Cloud) -> tuple[str, str, int
     return name, digest, len(cloud.records)
 
 
-def write_image(folder: Path, pair_id: str, image: Image) -> tuple[str, str]:
-    """Write the image of a pair: a compressed one as recorded, raw pixels as PNG.
+def write_image(folder: Path, pair_id: str, data: bytes, suffix: str) -> tuple[str, str]:
+    """Write the image of a pair, given as `Image.encoded` gives it.
 
     Returns:
         Path relative to the data set, sha256.
 
     Raises:
-        MessageError: Pixels that cannot be understood.
         DatasetError: It cannot be written.
     """
-    data, suffix = image.encoded()
     name = f"{pair_id}{suffix}"
     return name, _write(folder / name, data)
 

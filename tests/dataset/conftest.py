@@ -3,7 +3,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import small_dataset as small
+
+from . import small_dataset as small
 
 
 @pytest.fixture

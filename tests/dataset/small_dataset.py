@@ -91,7 +91,7 @@ def write(folder: Path) -> None:
                 pair_id, seed = f"{pose_id}/{n:03}", 100 * s + 10 * p + n
                 scan = cloud(seed=seed) if scenario == "a" else cloud(1, 200, seed)
                 cloud_name, cloud_sha, points = writer.write_cloud(folder, pair_id, scan)
-                image_name, image_sha = writer.write_image(folder, pair_id, jpeg(seed))
+                image_name, image_sha = writer.write_image(folder, pair_id, *jpeg(seed).encoded())
                 stamp = 1_100_000_000 + n * 100_000_000
                 pairs.append(
                     PairRecord(

@@ -12,13 +12,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-import small_dataset as small
 
 import lcdata
 from lcdata.dataset import Dataset, atomic, cloud_file, schema, writer
 from lcdata.dataset.journal import NAME
 from lcdata.errors import DatasetError, MessageError
 from lcdata.recording.messages import Cloud, Image
+
+from . import small_dataset as small
 
 
 def test_index_comes_back(folder: Path) -> None:
@@ -95,7 +96,7 @@ def test_the_image_keeps_its_bytes(folder: Path) -> None:
 def test_raw_pixels_become_png(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
     image = Image(0, 0, "c", memoryview(pixels.tobytes()), "bgr8", False, 48, 64, 192)
-    name, _ = writer.write_image(tmp_path, "s/pose_000/000", image)
+    name, _ = writer.write_image(tmp_path, "s/pose_000/000", *image.encoded())
     assert name == "s/pose_000/000.png"
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / name)), pixels)
 
