@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
 
 from lcdata.errors import RecordingError
+from lcdata.recording.mcap_file import McapFile
+from lcdata.recording.ros1 import Ros1Bag
 from lcdata.recording.salvage import Scanned
-from lcdata.recording.storage import (
-    COMPRESSED_SUFFIXES,
-    Indexed,
-    Storage,
-    TopicInfo,
-    describe,
-    read_errors,
-)
+from lcdata.recording.sqlite3_file import Sqlite3File
+from lcdata.recording.storage import Raw, Storage, TopicInfo, describe, read_errors
 
-SUFFIXES = (".bag", ".mcap", ".db3")
+OPENERS: dict[str, Callable[[Path], Storage]] = {
+    ".bag": Ros1Bag,
+    ".mcap": McapFile,
+    ".db3": Sqlite3File,
+}
+"""Reader of each kind of file."""
+
+COMPRESSED_SUFFIXES = (".zstd", ".zst")
+KINDS = f"a ROS 2 folder or a file {', '.join(OPENERS)}"
 
 
 def storage_suffix(path: Path) -> str:
@@ -27,7 +34,7 @@ def storage_suffix(path: Path) -> str:
     name = path.name
     for ending in (*COMPRESSED_SUFFIXES, ".active"):
         name = name.removesuffix(ending)
-    return next((suffix for suffix in SUFFIXES if name.endswith(suffix)), "")
+    return next((suffix for suffix in OPENERS if name.endswith(suffix)), "")
 
 
 def open_storage(path: Path) -> Storage:
@@ -46,33 +53,42 @@ def open_storage(path: Path) -> Storage:
         raise RecordingError(f"{path} cannot be opened ({error.strerror})") from error
     suffix = storage_suffix(path)
     if not suffix:
-        raise RecordingError(
-            f"{path} is not a recording", f"give a ROS 2 folder or a file {', '.join(SUFFIXES)}"
-        )
+        raise RecordingError(f"{path} is not a recording", f"give {KINDS}")
     if path.suffix in COMPRESSED_SUFFIXES:
         return _open_compressed(path)
     try:
-        return Indexed(path)
+        return OPENERS[suffix](path)
     except read_errors() as error:
         return Scanned(path, suffix, describe(error))
 
 
 def _open_folder(path: Path) -> Storage:
-    """A ROS 2 folder; if it is damaged, those of its files that can be read."""
-    try:
-        return Indexed(path)
-    except read_errors() as error:
-        problems = [f"{path}: {describe(error)}"]
-    files = [f for f in path.iterdir() if storage_suffix(f)]
+    """A ROS 2 folder: its storage files say everything themselves, metadata.yaml only how many."""
+    found = {file.name: file for file in path.iterdir() if storage_suffix(file)}
+    listed = _listed_files(path / "metadata.yaml")
+    problems = [
+        f"{path}: its file {name} is missing: copy it again" for name in listed if name not in found
+    ]
     parts: list[Storage] = []
-    for file in sorted(files, key=lambda f: (len(f.name), f.name)):  # _2 before _10
+    for name in sorted(found, key=lambda name: (len(name), name)):  # _2 before _10
         try:
-            parts.append(open_storage(file))
+            parts.append(open_storage(found[name]))
         except RecordingError as error:
             problems.append(error.message)
     if not parts:
-        raise RecordingError("; ".join(problems), "copy or record it again")
-    return Chain(parts, problems)
+        reason = "; ".join(problems) or f"{path} has no {' or '.join(OPENERS)} file"
+        raise RecordingError(reason, "copy or record it again")
+    return parts[0] if len(parts) == 1 and not problems else Chain(parts, problems)
+
+
+def _listed_files(metadata: Path) -> list[str]:
+    """Names of the files in a metadata.yaml; none if it is damaged."""
+    try:
+        content: Any = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+        paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [PurePosixPath(name).name for name in paths]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError):
+        return []
 
 
 def _open_compressed(path: Path) -> Storage:
@@ -82,18 +98,20 @@ def _open_compressed(path: Path) -> Storage:
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lcdata-"))
         unpacked = Path(folder) / path.stem
-        problem = ""
+        problem = "it is cut off"
         with path.open("rb") as source, unpacked.open("wb") as target:
             try:
                 zstandard.ZstdDecompressor().copy_stream(source, target)
             except zstandard.ZstdError as error:
                 problem = describe(error)
         if not unpacked.stat().st_size:
-            raise RecordingError(
-                f"{path} cannot be decompressed ({problem or 'it is cut off'})",
-                "copy or record it again",
-            )
-        return Chain([open_storage(unpacked)], [], stack.pop_all(), (str(unpacked), str(path)))
+            raise RecordingError(f"{path} cannot be decompressed ({problem})", "copy it again")
+        try:
+            part = open_storage(unpacked)
+        except RecordingError as error:
+            message = error.message.replace(str(unpacked), str(path))
+            raise RecordingError(message, error.remedy) from error
+        return Chain([part], [], stack.pop_all(), (str(unpacked), str(path)))
 
 
 class Chain:
@@ -130,10 +148,10 @@ class Chain:
         lines = [line for part in self._parts for line in part.problems]
         return [*self._problems, *(ln.replace(unpacked, path) if path else ln for ln in lines)]
 
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, memoryview]]:
-        """Topic, the recorder's stamp in ns, and bytes of each message of some topics."""
+    def messages(self, topics: Collection[str], heads: Collection[str] = ()) -> Iterator[Raw]:
+        """Messages of some topics, one storage after the other."""
         for part in self._parts:
-            yield from part.messages(topics)
+            yield from part.messages(topics, heads)
 
     def close(self) -> None:
         """Release files and remove temporary ones."""

@@ -2,103 +2,23 @@
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.recording.dwells import Dwell
-from lcdata.recording.messages import CameraInfo, Cloud, Image, JointState
+from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.pairing import pair_stamps, select
 from lcdata.recording.source import Recording
+from lcdata.recording.survey import Survey
 from lcdata.recording.topics import Topics
 
-if TYPE_CHECKING:
-    from lcdata.arm import Arm
-
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 LONGEST_SCAN_NS = 200_000_000
 """A rotating LiDAR turns 5 times a second or faster; a lower rate is a thinned recording."""
-
-
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """Stamps and joint positions of a recording, read in one pass.
-
-    Args:
-        lidar_ns: (L,) stamps of scans, sorted, each once.
-        image_ns: (M,) stamps of images, sorted, each once.
-        joint_ns: (J,) stamps of the arm's joint states, as recorded.
-        positions: (J, n) radians in the arm's joint order.
-        camera_info: The first one.
-        clock_ns: By topic, (N,) header stamp minus recorder's stamp of each message; empty if
-            the recorder's stamps are used.
-    """
-
-    lidar_ns: Stamps
-    image_ns: Stamps
-    joint_ns: Stamps
-    positions: Array
-    camera_info: CameraInfo | None
-    clock_ns: dict[str, Stamps] = field(default_factory=dict)
-
-
-def survey(recording: Recording, topics: Topics, arm: Arm | None = None) -> Survey:
-    """Read all stamps and, with an arm, all joint positions. Clouds and images stay closed.
-
-    Args:
-        recording: An open recording.
-        topics: What to read.
-        arm: Whose joints to look for; joint states of other devices on the topic are left out.
-
-    Raises:
-        ArmError: No joint state has all joints of the arm.
-    """
-    stamps = {topic: array("q") for topic in topics.names()}
-    bag = {topic: array("q") for topic in topics.names()}
-    joint_ns, positions = array("q"), array("d")
-    camera_info: CameraInfo | None = None
-    foreign: JointState | None = None
-    orders: dict[tuple[str, ...], list[int] | None] = {}
-    for topic, stamp_ns, bag_ns, raw in recording.serialised(topics.names()):
-        stamps[topic].append(stamp_ns)
-        bag[topic].append(bag_ns)
-        if topic == topics.camera_info and camera_info is None:
-            message = recording.read(topic, raw, stamp_ns, bag_ns)
-            camera_info = message if isinstance(message, CameraInfo) else None
-        elif topic == topics.joint_states and arm is not None:
-            message = recording.read(topic, raw, stamp_ns, bag_ns)
-            if not isinstance(message, JointState):
-                continue
-            if message.names not in orders:
-                orders[message.names] = _order(arm.joint_names, message.names)
-            order = orders[message.names]
-            if order is None:
-                foreign = message
-                continue
-            joint_ns.append(stamp_ns)
-            positions.extend(message.positions[order])
-    if arm is not None and foreign is not None and not joint_ns:
-        arm.order(foreign.names, foreign.positions)  # raises, naming the joints
-    joints = len(arm.joint_names) if arm else 0
-    return Survey(
-        np.unique(np.array(stamps[topics.lidar], np.int64)),
-        np.unique(np.array(stamps[topics.image], np.int64)),
-        np.array(joint_ns, np.int64),
-        np.array(positions, np.float64).reshape(-1, joints) if joints else np.empty((0, 0)),
-        camera_info,
-        {t: np.array(stamps[t], np.int64) - np.array(bag[t], np.int64) for t in stamps},
-    )
-
-
-def _order(wanted: Sequence[str], names: Sequence[str]) -> list[int] | None:
-    index = {name: i for i, name in enumerate(names)}
-    return [index[name] for name in wanted] if all(n in index for n in wanted) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,14 +145,25 @@ class RecordedPair:
 
 
 def stream_pairs(
-    recording: Recording, topics: Topics, poses: Sequence[PosePlan]
+    recording: Recording, topics: Topics, poses: Sequence[PosePlan], skip: Collection[str] = ()
 ) -> Iterator[RecordedPair]:
     """Pairs of the plan, each as soon as both of its messages have been read.
 
     Only messages that wait for their partner are kept. A pair whose cloud or image cannot be
     read does not come; `recording.problems` tells.
+
+    Args:
+        recording: Open.
+        topics: Its topics.
+        poses: The plan.
+        skip: Ids of pairs that are not needed, as an interrupted build has them already.
     """
-    open_pairs = {int(s): (p, n) for p in poses for n, s in enumerate(p.lidar_ns)}
+    open_pairs = {
+        int(scan): (pose, number)
+        for pose in poses
+        for number, scan in enumerate(pose.lidar_ns)
+        if pose.pair_id(number) not in skip
+    }
     partner = {int(i): int(s) for p in poses for s, i in zip(p.lidar_ns, p.image_ns, strict=True)}
     clouds: dict[int, Cloud] = {}
     images: dict[int, Image] = {}

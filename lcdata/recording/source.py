@@ -12,8 +12,14 @@ from typing import Literal, Self
 from lcdata.errors import MessageError, RecordingError
 from lcdata.recording.conversion import READERS, Converter, has_header, header_stamp
 from lcdata.recording.messages import Message
-from lcdata.recording.opening import SUFFIXES, open_storage, storage_suffix
-from lcdata.recording.storage import COMPRESSED_SUFFIXES, TopicInfo
+from lcdata.recording.opening import (
+    COMPRESSED_SUFFIXES,
+    KINDS,
+    OPENERS,
+    open_storage,
+    storage_suffix,
+)
+from lcdata.recording.storage import TopicInfo
 
 Stamps = Literal["header", "bag"]
 Wanted = Callable[[str, int], bool]
@@ -30,9 +36,7 @@ def find_recordings(path: Path) -> list[Path]:
         raise RecordingError(f"{path} does not exist", "give a recording or a folder of them")
     found = sorted(_walk(path))
     if not found:
-        raise RecordingError(
-            f"no recording in {path}", f"give a ROS 2 folder or files {', '.join(SUFFIXES)}"
-        )
+        raise RecordingError(f"no recording in {path}", f"give {KINDS}")
     names: dict[str, Path] = {}
     for recording in found:
         other = names.setdefault(scenario_name(recording), recording)
@@ -46,9 +50,7 @@ def find_recordings(path: Path) -> list[Path]:
 def _walk(path: Path) -> Iterator[Path]:
     if path.is_file():
         if not storage_suffix(path):
-            raise RecordingError(
-                f"{path} is not a recording", f"give a ROS 2 folder or a file {', '.join(SUFFIXES)}"
-            )
+            raise RecordingError(f"{path} is not a recording", f"give {KINDS}")
         yield path
     elif (path / "metadata.yaml").is_file():
         yield path
@@ -63,7 +65,7 @@ def scenario_name(path: Path) -> str:
     name = path.resolve().name
     if path.is_dir():
         return name
-    for ending in (*COMPRESSED_SUFFIXES, ".active", *SUFFIXES):
+    for ending in (*COMPRESSED_SUFFIXES, ".active", *OPENERS):
         name = name.removesuffix(ending)
     return name
 
@@ -123,19 +125,23 @@ class Recording:
         return list(dict.fromkeys([*self._storage.problems, *messages]))
 
     def serialised(
-        self, topics: Collection[str] | None = None, wanted: Wanted | None = None
+        self,
+        topics: Collection[str] | None = None,
+        wanted: Wanted | None = None,
+        heads: Collection[str] = (),
     ) -> Iterator[tuple[str, int, int, memoryview]]:
         """Topic, stamp in ns, the recorder's stamp in ns and bytes of messages, as recorded.
 
         Args:
             topics: Which; by default all that we know the type of.
             wanted: Called with topic and stamp; messages it refuses are left out.
+            heads: Topics of which only the stamps matter: their bytes may come cut.
         """
         chosen = {t for t in (self.topics if topics is None else topics) if self._usable(t)}
         encodings = {t: self.topics[t].encoding for t in chosen}
         headed = {t for t in chosen if has_header(self.topics[t].type)}
         use_header = self.stamps == "header"
-        for topic, bag_ns, raw in self._storage.messages(chosen):
+        for topic, bag_ns, raw in self._storage.messages(chosen, heads):
             try:
                 by_header = use_header and topic in headed
                 stamp_ns = header_stamp(raw, encodings[topic]) if by_header else bag_ns

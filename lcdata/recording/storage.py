@@ -1,15 +1,18 @@
-"""Serialised messages out of a whole recording, through rosbags."""
+"""What every kind of recording file offers: topics, and serialised messages."""
 
 from __future__ import annotations
 
+import sqlite3
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-COMPRESSED_SUFFIXES = (".zstd", ".zst")
+HEAD = 64
+"""Bytes of a message that are enough for its header's stamp."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,20 @@ class TopicInfo:
     encoding: str
 
 
+class Raw(NamedTuple):
+    """A serialised message.
+
+    Args:
+        topic: Topic.
+        stamp_ns: The recorder's stamp.
+        data: Its bytes.
+    """
+
+    topic: str
+    stamp_ns: int
+    data: memoryview
+
+
 class Storage(Protocol):
     """A recording's serialised messages.
 
@@ -44,8 +61,15 @@ class Storage(Protocol):
         """What was wrong with the files so far, one line each."""
         ...
 
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, memoryview]]:
-        """Topic, the recorder's stamp in ns, and bytes of each message of some topics."""
+    def messages(self, topics: Collection[str], heads: Collection[str] = ()) -> Iterator[Raw]:
+        """Messages of some topics, in the order of the file.
+
+        Args:
+            topics: Which.
+            heads: Topics of which the first `HEAD` bytes of a message are enough; they may come
+                cut, which spares decompressing the clouds and images of a recording just to
+                know their stamps.
+        """
         ...
 
     def close(self) -> None:
@@ -53,93 +77,150 @@ class Storage(Protocol):
         ...
 
 
-class Indexed:
-    """A ROS 1 bag, ROS 2 storage file or ROS 2 folder with its index."""
+class ChunkedFile(ABC):
+    """A file of chunks that hold messages. A damaged chunk costs its own messages only.
+
+    Args:
+        path: The file.
+
+    Raises:
+        Any of `read_errors`: It has no index, or a damaged one.
+    """
 
     def __init__(self, path: Path) -> None:
-        from rosbags.rosbag1 import Reader as Reader1
-        from rosbags.rosbag2 import Reader as Reader2
-
-        ros1 = path.suffix == ".bag"
         self.path = path
         self.topics: dict[str, TopicInfo] = {}
-        self.problems: list[str] = []
-        self._reader: Any = Reader1(path) if ros1 else Reader2(path)
-        self._reader.open()
-        self._connections: dict[str, list[Any]] = {}
-        for connection in self._reader.connections:
-            encoding = "ros1" if ros1 else connection.ext.serialization_format
-            self._add(connection, encoding)
-        empty = not any(info.count for info in self.topics.values())
-        self.start_ns = 0 if empty else int(self._reader.start_time)
-        self.end_ns = 0 if empty else int(self._reader.end_time) - 1
-        for log in path.parent.glob(f"{path.name}-wal") if path.suffix == ".db3" else ():
-            if log.stat().st_size:
-                self.problems.append(
-                    f"{log} holds messages that were not merged into {path.name}: open it once "
-                    "with write access, sqlite3 FILE 'PRAGMA wal_checkpoint'"
-                )
+        self.start_ns = self.end_ns = 0
+        self._mixed: dict[str, str] = {}
+        self._damaged: dict[int, str] = {}
+        self._cut = True
+        self._file = path.open("rb")
+        self._chunks: Sequence[Any] = ()
+        try:
+            self._chunks = self._open()
+        except BaseException:
+            self._file.close()
+            raise
 
-    def _add(self, connection: Any, encoding: str) -> None:
-        info = TopicInfo(connection.topic, connection.msgtype, connection.msgcount, encoding)
+    @abstractmethod
+    def _open(self) -> Sequence[Any]:
+        """Read the index: set topics and stamps, return chunks in the order of the file."""
+
+    @abstractmethod
+    def _holds(self, chunk: Any, topics: Collection[str]) -> bool:
+        """Whether a chunk has messages of some topics."""
+
+    @abstractmethod
+    def _read(self, chunk: Any, topics: Collection[str], heads: Collection[str]) -> list[Raw]:
+        """Messages of a chunk, those of `heads` perhaps cut."""
+
+    @abstractmethod
+    def _position(self, chunk: Any) -> int:
+        """Where a chunk begins in the file."""
+
+    def _add(self, info: TopicInfo) -> bool:
+        """Count a connection of a topic; False if the topic has another type already."""
+        info = replace(info, type=normalised(info.type))
         known = self.topics.setdefault(info.name, replace(info, count=0))
         if known.type != info.type:
-            self.problems.append(
-                f"{self.path}: topic {info.name} has messages of {known.type} and {info.type}: "
-                "the latter are ignored"
-            )
-            return
+            self._mixed[info.name] = f"{known.type} and {info.type}"
+            return False
         self.topics[info.name] = replace(known, count=known.count + info.count)
-        self._connections.setdefault(info.name, []).append(connection)
+        return True
 
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, memoryview]]:
-        """Topic, the recorder's stamp in ns, and bytes of each message of some topics."""
-        connections = [c for topic in topics for c in self._connections.get(topic, ())]
-        if not connections:
-            return
-        read = 0
-        try:
-            for connection, stamp, data in self._reader.messages(connections=connections):
-                yield connection.topic, stamp, plain(data)
-                read += 1
-        except read_errors() as error:
-            total = sum(self.topics[topic].count for topic in topics if topic in self.topics)
-            self.problems.append(
-                f"{self.path}: damaged after {read} of {total} messages ({describe(error)}): "
-                "the rest of it is lost"
+    @property
+    def problems(self) -> list[str]:
+        """What was wrong with the file so far, one line each."""
+        lines = [
+            f"{self.path}: topic {topic} has messages of {types}: the latter are ignored"
+            for topic, types in self._mixed.items()
+        ]
+        if self._damaged:
+            position, reason = next(iter(self._damaged.items()))
+            lines.append(
+                f"{self.path}: {len(self._damaged)} of {len(self._chunks)} chunks are damaged "
+                f"(the first at byte {position}: {reason}): their messages are lost"
             )
+        return lines
+
+    def messages(self, topics: Collection[str], heads: Collection[str] = ()) -> Iterator[Raw]:
+        """Messages of some topics, in the order of the file."""
+        for chunk in self._chunks:
+            if not self._holds(chunk, topics):
+                continue
+            try:
+                found = self._read(chunk, topics, heads if self._cut else ())
+                if self._cut and any(raw.data[:4] == ZSTD_MAGIC for raw in found):
+                    # Compressed one by one: the beginning of one may not be decompressible.
+                    self._cut = False
+                    found = self._read(chunk, topics, ())
+                found = [raw._replace(data=plain(raw.data, raw.topic in heads)) for raw in found]
+            except read_errors() as error:
+                self._damaged[self._position(chunk)] = describe(error)
+                continue
+            yield from found
 
     def close(self) -> None:
-        """Release files."""
-        self._reader.close()
+        """Release the file."""
+        self._file.close()
+
+
+def bytes_needed(
+    index: Sequence[tuple[int, str]], size: int, heads: Collection[str], head: int
+) -> int:
+    """How much of a chunk must be decompressed.
+
+    Args:
+        index: Offset and topic of its messages.
+        size: Bytes of the whole chunk.
+        heads: Topics of which the beginning is enough.
+        head: Bytes from a message's offset to the end of its beginning.
+    """
+    ordered = sorted(index)
+    ends = [offset for offset, _ in ordered[1:]] + [size]
+    needed = (
+        min(offset + head, end) if topic in heads else end
+        for (offset, topic), end in zip(ordered, ends, strict=True)
+    )
+    return max(needed, default=size)
+
+
+def plain(data: bytes | memoryview, head: bool = False) -> memoryview:
+    """Bytes of a message that may have been compressed alone.
+
+    Outside a ROS 2 folder nothing else tells: no serialised message begins with this number.
+
+    Args:
+        data: Bytes of the message.
+        head: Whether its first `HEAD` bytes are enough.
+    """
+    if data[:4] != ZSTD_MAGIC:
+        return memoryview(data)
+    import zstandard
+
+    decompressor = zstandard.ZstdDecompressor()
+    if head:
+        with decompressor.stream_reader(data) as reader:
+            return memoryview(reader.read(HEAD))
+    return memoryview(decompressor.decompressobj().decompress(data))
+
+
+def normalised(type_name: str) -> str:
+    """ROS 2 form of a type's name."""
+    package, _, rest = type_name.partition("/")
+    return f"{package}/msg/{rest}" if rest and "/" not in rest else type_name
 
 
 def read_errors() -> tuple[type[Exception], ...]:
     """What readers raise on damaged files; most do not have errors of their own."""
-    import sqlite3
-    import sys
-
-    import apsw
     import zstandard
     from mcap.exceptions import McapError
-    from rosbags.rosbag1 import ReaderError as ReaderError1
-    from rosbags.rosbag2 import ReaderError as ReaderError2
-
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
 
     return (
-        ReaderError1,
-        ReaderError2,
         McapError,
-        apsw.Error,
         sqlite3.Error,
         zstandard.ZstdError,
-        zstd.ZstdError,
         struct.error,
-        AssertionError,
         LookupError,
         ValueError,
         TypeError,
@@ -150,20 +231,10 @@ def read_errors() -> tuple[type[Exception], ...]:
 
 
 def describe(error: Exception) -> str:
-    """An error in one line, its file's name left out."""
+    """An error in one line."""
     if type(error).__name__ == "EndOfFile":
-        return "it ends in the middle of a record"
-    text = " ".join(str(a) for a in error.args) if len(error.args) != 2 else str(error)
-    return (text.strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+        return RAN_OUT
+    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
 
 
-def plain(data: bytes) -> memoryview:
-    """Bytes of a message that may have been compressed alone.
-
-    Outside a ROS 2 folder nothing else tells: no serialised message begins with this number.
-    """
-    if data[:4] != ZSTD_MAGIC:
-        return memoryview(data)
-    import zstandard
-
-    return memoryview(zstandard.ZstdDecompressor().decompressobj().decompress(data))
+RAN_OUT = "it ends in the middle of a record"

@@ -7,8 +7,9 @@ import pytest
 
 from lcdata.arm import Arm
 from lcdata.recording.dwells import find_dwells
-from lcdata.recording.plan import plan_poses, stream_pairs, survey
+from lcdata.recording.plan import plan_poses, stream_pairs
 from lcdata.recording.source import open_recording
+from lcdata.recording.survey import survey
 from lcdata.recording.topics import choose_topics
 from lcdata.rig import Dwells
 
