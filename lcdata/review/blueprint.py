@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.geometry.camera import Camera
 from lcdata.review import names
 from lcdata.review.errors import MEASURES
 
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 def blueprint(
     methods: Sequence[str],
     axis_tops: Mapping[str, float],
-    camera: Camera,
+    size: tuple[int, int],
     root: str,
     T_root_camera: Array,
 ) -> rrb.Blueprint:
@@ -30,7 +29,7 @@ def blueprint(
     Args:
         methods: Names of the methods; none if there are no results.
         axis_tops: Upper end of the axis of each measure that has values.
-        camera: Camera of the first pair.
+        size: Width and height in pixels of the largest image.
         root: Frame that the scene is shown in.
         T_root_camera: 4x4 of the first pair, from behind which the scene is seen.
     """
@@ -38,7 +37,7 @@ def blueprint(
 
     sources = [names.INITIAL, *methods, names.GROUND_TRUTH] if methods else [names.GROUND_TRUTH]
     images = rrb.Grid(
-        *(_image_view(source, camera) for source in sources),
+        *(_image_view(source, size) for source in sources),
         grid_columns=1 if len(sources) == 1 else 2 if len(sources) <= 4 else 3,
         name="cloud on image",
     )
@@ -59,7 +58,7 @@ def blueprint(
             name="Right or wrong, pair by pair",
         )
         curves = [rrb.Horizontal(*plots)] if plots else []
-        below.insert(0, rrb.Vertical(verdicts, *curves, row_shares=[2, 3][: 1 + len(curves)]))
+        below.insert(0, rrb.Vertical(verdicts, *curves, row_shares=[4, 5][: 1 + len(curves)]))
     return rrb.Blueprint(
         rrb.Vertical(
             above,
@@ -111,7 +110,7 @@ def _scene_view(root: str, T_root_camera: Array) -> Any:
     )
 
 
-def _image_view(source: str, camera: Camera) -> Any:
+def _image_view(source: str, size: tuple[int, int]) -> Any:
     import rerun.blueprint as rrb
 
     return rrb.Spatial2DView(
@@ -119,7 +118,7 @@ def _image_view(source: str, camera: Camera) -> Any:
         contents=[f"/{names.IMAGE}", f"/{names.OVERLAYS}/{source}/**"],
         name=names.title(source),
         spatial_information=rrb.SpatialInformation(target_frame=names.FRAME_IMAGE),
-        visual_bounds=rrb.VisualBounds2D(x_range=[0, camera.width], y_range=[0, camera.height]),
+        visual_bounds=rrb.VisualBounds2D(x_range=[0, size[0]], y_range=[0, size[1]]),
     )
 
 

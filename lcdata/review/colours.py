@@ -16,7 +16,6 @@ RGB = tuple[int, int, int]
 GREEN: RGB = (64, 214, 120)
 GREY: RGB = (176, 180, 188)
 RED: RGB = (235, 72, 72)
-AMBER: RGB = (245, 190, 65)
 
 # The IBM palette for colour-blind readers, continued; green and grey are taken.
 _METHODS: tuple[RGB, ...] = (

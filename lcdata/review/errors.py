@@ -64,6 +64,9 @@ MEASURES = (
 )
 
 
+SCENARIO_COLOURS: tuple[colours.RGB, ...] = ((62, 80, 108), (92, 112, 142))
+
+
 def send_errors(
     recording: rr.RecordingStream,
     trials: Trials,
@@ -120,9 +123,11 @@ def axis_top(values: Sequence[float], limit: float) -> float:
     """Upper end of an axis on which small errors can be told apart.
 
     Four trials out of five fit, but it stays between 1.5 and 6 times the limit: an error beyond
-    that is simply wrong, and its line leaves the plot.
+    that is simply wrong, and its line leaves the plot. Where hardly any is right, the axis is
+    long enough for one in five.
     """
-    return float(np.clip(1.15 * np.quantile(values, 0.8), 1.5 * limit, 6 * limit))
+    low, high = 1.15 * np.quantile(values, [0.2, 0.8])
+    return float(np.clip(high, 1.5 * limit, max(6 * limit, low)))
 
 
 def _send_series(
@@ -164,6 +169,10 @@ def send_outcomes(
     def send(path: str, states: list[str]) -> None:
         recording.send_columns(path, indexes, rr.StateChange.columns(state=[*states, ""]))
 
+    scenarios = sorted({record.scenario for record in records})
+    shades = [SCENARIO_COLOURS[i % len(SCENARIO_COLOURS)] for i in range(len(scenarios))]
+    style = rr.StateConfiguration(values=scenarios, colors=shades)
+    recording.log(names.SCENARIO, style, static=True)
     send(names.SCENARIO, [record.scenario for record in records])
     style = rr.StateConfiguration(
         values=list(OUTCOME_COLOURS), colors=list(OUTCOME_COLOURS.values())

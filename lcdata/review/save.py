@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,24 +76,33 @@ def _write(
     progress: Callable[[str, int, int], None],
 ) -> None:
     import rerun as rr
+    from rerun.chunk import RrdReader
 
-    # Without a random id, the same data set gives the same recording.
-    with rr.RecordingStream(APPLICATION, recording_id=dataset.path.resolve().name) as recording:
-        recording.set_log_time_enabled(False)
-        recording.set_log_tick_enabled(False)
+    name = dataset.path.resolve().name
+    recording = rr.RecordingStream(APPLICATION, recording_id=name)
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    try:
         recording.save(path)
-        recording.send_recording_name(dataset.path.resolve().name)
-        records = dataset.pairs
+        recording.send_recording_name(name)
         _log_whole(recording, dataset, trials)
         is_arm = dataset.rig.ground_truth == "arm"
-        frustum_m = FRUSTUM_ARM_M if is_arm else FRUSTUM_STATIC_M
-        logger = PairLogger(recording, trials, thin, frustum_m)
-        for number, record in enumerate(records):
+        logger = PairLogger(recording, trials, thin, FRUSTUM_ARM_M if is_arm else FRUSTUM_STATIC_M)
+        for number, record in enumerate(dataset.pairs):
             recording.set_time(names.PAIR, sequence=number)
             recording.set_time(names.STAMP, timestamp=np.datetime64(record.stamp_lidar_ns, "ns"))
             logger.log(dataset.load(record.pair_id), dataset.path / record.image)
-            progress("review", number + 1, len(records))
+            progress("review", number + 1, len(dataset.pairs))
         recording.flush()
+        recording.disconnect()
+        RrdReader(path).store()  # reads the index at the end, which a full disk cuts off
+    except (RuntimeError, ValueError) as error:  # what Rerun raises when it cannot write
+        free = shutil.disk_usage(path.parent).free / 1e6
+        raise ReportError(
+            f"{path.parent}: Rerun could not write the review there ({error})",
+            f"{free:.0f} MB are free on that disk; make room, then `lcdata review DATASET`",
+        ) from error
+    finally:
         recording.disconnect()
 
 
@@ -133,8 +143,9 @@ def _log_whole(recording: rr.RecordingStream, dataset: Dataset, trials: Trials) 
     T_root_camera = se3.inverse(first.T_camera_lidar)
     if is_arm and first.T_base_lidar is not None:
         T_root_camera = first.T_base_lidar @ T_root_camera
-    camera = dataset.camera(records[0].scenario)
-    recording.send_blueprint(blueprint(trials.methods, tops, camera, root, T_root_camera))
+    cameras = [dataset.camera(scenario) for scenario in dataset.scenarios]
+    size = max(c.width for c in cameras), max(c.height for c in cameras)
+    recording.send_blueprint(blueprint(trials.methods, tops, size, root, T_root_camera))
 
 
 def time_columns(records: Sequence[PairRecord], numbers: Sequence[int]) -> list[Any]:

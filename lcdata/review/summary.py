@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lcdata.evaluation import metrics
-from lcdata.review.text import error_text, number_text, uncertainty_text
+from lcdata.review.text import count_text, error_text, number_text, uncertainty_text
 from lcdata.review.trials import RIGHT, RIGHT_FLAGGED, Trials, outcome
 
 if TYPE_CHECKING:
@@ -100,8 +100,9 @@ def _about(dataset: Dataset) -> str:
     typical = metrics.Sigma(*np.median(sigmas, axis=0)) if len(sigmas) else metrics.Sigma(0, 0)
     source = "arm's chain" if dataset.rig.ground_truth == "arm" else "static extrinsic"
     return (
-        f"{origin} {len(dataset.pairs)} pairs in {len(dataset.poses)} poses of "
-        f"{len(dataset.scenarios)} scenarios ({', '.join(dataset.scenarios)}).\n\n"
+        f"{origin} {count_text(len(dataset.pairs), 'pair')} in "
+        f"{count_text(len(dataset.poses), 'pose')} of "
+        f"{count_text(len(dataset.scenarios), 'scenario')} ({', '.join(dataset.scenarios)}).\n\n"
         f"Ground truth: {source}, version {info.groundtruth_version}, {uncertainty_text(typical)} "
         f"(root mean square of a pose, median over the poses)."
     )
@@ -111,7 +112,7 @@ def _protocol(trials: Trials) -> str:
     first = trials.all[0]
     text = (
         f"Run `{trials.run}`: from {first.init_rotation_deg:g} deg and "
-        f"{first.init_translation_m:g} m on each axis, {len(trials.all)} trials. "
+        f"{first.init_translation_m:g} m on each axis, {count_text(len(trials.all), 'trial')}. "
     )
     if trials.per_pair > 1:
         text += (

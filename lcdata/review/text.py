@@ -29,3 +29,8 @@ def uncertainty_text(sigma: Sigma) -> str:
     if not math.isfinite(sigma.rotation_deg):
         return "uncertainty unknown"
     return f"±{number_text(sigma.rotation_deg)} deg, ±{number_text(sigma.translation_m * 1e3)} mm"
+
+
+def count_text(count: int, noun: str) -> str:
+    """A number of things."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -26,7 +26,7 @@ NO_ESTIMATE = "no estimate"
 OUTCOME_COLOURS: dict[str, RGB] = {
     RIGHT: (46, 160, 92),
     RIGHT_FLAGGED: (150, 190, 80),
-    WRONG_FLAGGED: (214, 150, 40),
+    WRONG_FLAGGED: (222, 200, 50),
     WRONG: (214, 62, 62),
     NO_ESTIMATE: (120, 60, 130),
 }
