@@ -103,6 +103,7 @@ class Summary:
         failed: Trials that gave no estimate: an error was raised or the process died.
         successes: Trials below 0.5 deg and 0.1 m.
         converged: Trials whose method calls its estimate usable.
+        misled: Converged trials that are no success: errors without a warning.
         degenerate: Trials whose method says that the data do not determine the extrinsic.
         rotation_deg: Quartiles of the rotation error.
         translation_m: Quartiles of the translation error.
@@ -118,6 +119,7 @@ class Summary:
     failed: int
     successes: int
     converged: int
+    misled: int
     degenerate: int
     rotation_deg: Quartiles
     translation_m: Quartiles
@@ -158,8 +160,9 @@ def _summarise(run: str, scenario: str, method: str, trials: Sequence[TrialResul
         method=method,
         trials=len(trials),
         failed=sum(t.failed for t in trials),
-        successes=sum(is_success(t.rotation_error_deg, t.translation_error_m) for t in trials),
+        successes=sum(t.success for t in trials),
         converged=sum(t.converged for t in trials),
+        misled=sum(t.converged and not t.success for t in trials),
         degenerate=sum(t.degenerate for t in trials),
         rotation_deg=quartiles(t.rotation_error_deg for t in trials),
         translation_m=quartiles(t.translation_error_m for t in trials),

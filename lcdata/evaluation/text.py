@@ -13,8 +13,8 @@ MISSING = "–"
 
 
 def number(value: float, digits: int) -> str:
-    """A number with fixed digits; a dash where no estimate or no value is."""
-    return f"{value:.3f}" if math.isfinite(value) else MISSING
+    """A number with fixed digits; a dash where there is none, or no estimate (infinite)."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else MISSING
 
 
 def summary_lines(results: Results) -> list[str]:

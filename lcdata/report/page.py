@@ -1,0 +1,280 @@
+"""index.html: one page that needs no network and no other file."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+from lcdata.evaluation.metrics import ALL_SCENARIOS, Quartiles, Summary
+from lcdata.evaluation.results import TrialResult
+from lcdata.evaluation.text import MISSING, not_ranked, number, verdicts
+from lcdata.report import words
+from lcdata.report.gallery import PICTURES, Exhibit
+from lcdata.report.plots import DARK, LIGHT
+from lcdata.report.style import STYLE
+from lcdata.report.tables import by_scenario, converged_text, error_text, percent
+
+COLUMNS = (
+    "Method",
+    "Trials",
+    "Success",
+    "Rotation",
+    "Translation",
+    "Sigma distance",
+    "Converged",
+    "Degenerate",
+    "Failed",
+    "Seconds",
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the page shows of one run.
+
+    Args:
+        trials: Its trials.
+        summaries: Their summaries.
+        plot_light: PNG of the box plots for a light page.
+        plot_dark: The same for a dark page.
+        exhibits: Trials with pictures, by method.
+    """
+
+    trials: Sequence[TrialResult]
+    summaries: Sequence[Summary]
+    plot_light: bytes
+    plot_dark: bytes
+    exhibits: dict[str, list[Exhibit]]
+
+    @property
+    def overall(self) -> list[Summary]:
+        """One summary a method, over everything."""
+        whole = [s for s in self.summaries if s.scenario == ALL_SCENARIOS]
+        return whole or list(self.summaries)
+
+    @property
+    def methods(self) -> list[str]:
+        """Methods in the order of their colours."""
+        return list(dict.fromkeys(t.method for t in self.trials))
+
+
+def page(name: str, kind: str, description: str, sections: Sequence[Section], notice: str) -> str:
+    """The page.
+
+    Args:
+        name: Name of the data set.
+        kind: What the data are, over the headline: simulated or recorded.
+        description: What the data set is.
+        sections: One a run, the most telling first.
+        notice: What a reader must know first, stale results say; empty for nothing.
+    """
+    first = sections[0]
+    warning = f'<p class="warning">{escape(notice)}</p>' if notice else ""
+    body = "".join(_section(section) for section in sections)
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(name)}: calibration report</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<main>
+<header>
+<div class="kind">{escape(kind)} · {escape(name)}</div>
+<h1>{escape(words.headline(first.overall))}</h1>
+<p>{escape(description)} {escape(words.own_uncertainty(_scenarios(first)))}</p>
+{warning}
+</header>
+{body}
+<h2>How to read this</h2>
+<p>{escape(words.READING)}</p>
+<footer>Written by lcdata from the stored results. results.csv beside this page has every trial,
+table.md and table.tex the tables.</footer>
+</main>
+</body>
+</html>
+"""
+
+
+def _section(section: Section) -> str:
+    sentences = [s for rows in by_scenario(_scenarios(section)) for s in verdicts(rows)]
+    compared = (
+        f"<details{' open' if len(sentences) <= 6 else ''}><summary>Which method is better, as far "
+        f"as the ground truth can tell</summary>{_list(sentences)}</details>"
+        if sentences
+        else ""
+    )
+    return f"""
+<section>
+<h2>{escape(words.run_title(section.trials))}</h2>
+<p class="note">{escape(words.protocol(section.trials))}</p>
+<div class="cards">{"".join(_card(section, row) for row in section.overall)}</div>
+{_table(section)}
+<figure class="plot">{_plot(section)}</figure>
+{compared}
+{_gallery(section)}
+{_failures(section)}
+</section>
+"""
+
+
+def _scenarios(section: Section) -> list[Summary]:
+    return [s for s in section.summaries if s.scenario != ALL_SCENARIOS]
+
+
+def _dot(section: Section, method: str) -> str:
+    index = section.methods.index(method)
+    return f'<i class="dot" style="--c:{LIGHT.method(index)};--d:{DARK.method(index)}"></i>'
+
+
+def _card(section: Section, row: Summary) -> str:
+    sigma = "no ground-truth uncertainty known"
+    if math.isfinite(row.sigma_distance):
+        sigma = f"{row.sigma_distance:.1f} sigma of the ground truth"
+    failed = f', <em class="bad">{row.failed} failed</em>' if row.failed else ""
+    return (
+        f'<div class="card"><span class="name">{_dot(section, row.method)}{escape(row.method)}'
+        f"</span><b>{percent(row.success_rate)}</b>"
+        f"<span>of {words.count(row.trials, 'trial')} within 0.5° and 0.1 m{failed}</span>"
+        f"<span>median {error_text(row.rotation_deg.median)}° and "
+        f"{error_text(row.translation_m.median)} m</span><span>{sigma}</span></div>"
+    )
+
+
+def _table(section: Section) -> str:
+    groups = []
+    for rows in by_scenario(section.summaries):
+        title = "All scenarios" if rows[0].scenario == ALL_SCENARIOS else rows[0].scenario
+        truth = words.uncertainty(rows)
+        groups.append(
+            f'<tr class="scenario"><td colspan="{len(COLUMNS)}">{escape(title)}'
+            f"<span>ground truth: {escape(truth)}</span></td></tr>"
+        )
+        groups += [_table_row(section, row, rows) for row in rows]
+    head = "".join(f"<th>{column}</th>" for column in COLUMNS)
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(groups)}</tbody></table></div>"
+        '<p class="note">Errors: median, and 25 % to 75 % in small. Bold: the smallest median of '
+        "the scenario, where it can be ranked. ≈ not ranked.</p>"
+    )
+
+
+def _table_row(section: Section, row: Summary, rows: Sequence[Summary]) -> str:
+    failed = f'<span class="bad">{row.failed}</span>' if row.failed else "0"
+    cells = [
+        f"{_dot(section, row.method)}{escape(row.method)}",
+        str(row.trials),
+        percent(row.success_rate),
+        _error(row, rows, "rotation_deg", "°"),
+        _error(row, rows, "translation_m", " m"),
+        number(row.sigma_distance, 1),
+        converged_text(row),
+        str(row.degenerate),
+        failed,
+        number(row.seconds, 2),
+    ]
+    return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+
+
+def _error(row: Summary, rows: Sequence[Summary], quantity: str, unit: str) -> str:
+    q: Quartiles = getattr(row, quantity)
+    if not math.isfinite(q.q1):
+        return MISSING
+    middle = f"{error_text(q.median)}{unit if math.isfinite(q.median) else ''}"
+    tied = not_ranked(row, rows, quantity)
+    if tied:
+        why = f"not ranked against {words.listing(tied)}: the ground truth cannot tell them apart"
+        middle = f'<abbr title="{escape(why)}">≈</abbr> {middle}'
+    elif len(rows) > 1 and q.median == min(getattr(other, quantity).median for other in rows):
+        middle = f'<span class="best">{middle}</span>'
+    return f"{middle} <small>{error_text(q.q1)}–{error_text(q.q3)}</small>"
+
+
+def _plot(section: Section) -> str:
+    return (
+        f'<picture><source media="(prefers-color-scheme: dark)" '
+        f'srcset="{_data(section.plot_dark, "png")}">'
+        f'<img src="{_data(section.plot_light, "png")}" '
+        f'alt="Box plots of rotation and translation errors by scenario and method"></picture>'
+        "<figcaption class=note>Each dot is a trial; boxes are quartiles, whiskers 1.5 times "
+        "their distance.</figcaption>"
+    )
+
+
+def _gallery(section: Section) -> str:
+    parts = [
+        "<h3>Points on the image</h3>"
+        '<p class="note">The LiDAR points at the initial guess, at the estimate and at the ground '
+        'truth, coloured by depth: near<span class="scale"></span>far.</p>'
+    ]
+    for method, exhibits in section.exhibits.items():
+        parts.append(f"<h3>{_dot(section, method)}{escape(method)}</h3>")
+        parts += [_exhibit(exhibit) for exhibit in exhibits]
+    return "".join(parts)
+
+
+def _exhibit(exhibit: Exhibit) -> str:
+    t = exhibit.trial
+    where = f"{escape(t.pose_id)}, {words.count(len(t.pair_ids), 'pair')} jointly"
+    if len(t.pair_ids) == 1:
+        where = escape(t.pair_ids[0])
+    says = "; ".join(
+        text
+        for text, is_so in (
+            ("not converged", not t.converged and not t.failed),
+            ("degenerate", t.degenerate),
+            ("cost grew", t.diverged),
+            (t.message, bool(t.message)),
+        )
+        if is_so
+    )
+    verdict = '<span class="good">success</span>' if t.success else '<span class="bad">miss</span>'
+    sigma = f", {t.sigma_distance:.1f} sigma" if math.isfinite(t.sigma_distance) else ""
+    errors = f"{number(t.rotation_error_deg, 3)}° and {number(t.translation_error_m, 3)} m{sigma}"
+    captions = {
+        "Initial guess": f"{number(t.initial_rotation_error_deg, 2)}° and "
+        f"{number(t.initial_translation_error_m, 3)} m off",
+        "Estimate": f"{errors} off",
+        "Ground truth": "",
+    }
+    figures = "".join(
+        _picture(name, captions[name], exhibit.pictures.get(name)) for name in PICTURES
+    )
+    return (
+        f'<p class="trial"><b>{exhibit.rank}</b> <code>{where}</code>, trial {t.trial}: '
+        f"{'no estimate' if t.failed else errors}, {verdict}"
+        f'<span class="muted">{escape(f" ({says})") if says else ""}</span></p>'
+        f'<div class="row">{figures}</div>'
+    )
+
+
+def _picture(name: str, caption: str, jpeg: bytes | None) -> str:
+    if jpeg is None:
+        return f'<figure><div class="none">no picture</div><figcaption>{name}</figcaption></figure>'
+    text = f"{name}, {caption}" if caption else name
+    return (
+        f'<figure><label title="enlarge"><input type="checkbox"><img loading="lazy" '
+        f'src="{_data(jpeg, "jpeg")}" alt="LiDAR points on the image: {escape(name.lower())}">'
+        f"</label><figcaption>{escape(text)}</figcaption></figure>"
+    )
+
+
+def _failures(section: Section) -> str:
+    failed = [f"{t.name}: {t.message}" for t in section.trials if t.failed]
+    if not failed:
+        return ""
+    return f"<h3>Trials without an estimate</h3>{_list(failed)}"
+
+
+def _list(items: Sequence[str]) -> str:
+    return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>"
+
+
+def _data(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"

@@ -1,0 +1,178 @@
+"""Results as CSV, Markdown and LaTeX, and how numbers are written."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+
+from lcdata.evaluation.metrics import Quartiles, Summary
+from lcdata.evaluation.results import Results
+from lcdata.evaluation.text import MISSING, not_ranked, number
+from lcdata.geometry import se3
+
+POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+HEADER = (
+    "Scenario",
+    "Method",
+    "Trials",
+    "Success",
+    "Rotation (deg)",
+    "Translation (m)",
+    "Sigma distance",
+    "Converged",
+    "Degenerate",
+    "Failed",
+    "Seconds",
+)
+NOTE = (
+    "Success: below 0.5 deg and 0.1 m. Errors: median (25 %, 75 %); a trial without an estimate "
+    "counts as infinitely wrong. ~ not ranked: another method of the scenario differs by less "
+    "than the ground truth's own uncertainty, or that is unknown. Sigma distance: median error "
+    "in standard deviations of the ground truth; an exact estimate has about 2.3. Converged: the "
+    "method's own verdict; wrongly where the trial is no success all the same. Seconds: one "
+    "calibration, features included."
+)
+
+
+def by_scenario(summaries: Iterable[Summary]) -> Iterator[list[Summary]]:
+    """Summaries of one run and scenario at a time."""
+    for _, rows in groupby(summaries, key=lambda s: (s.run, s.scenario)):
+        yield list(rows)
+
+
+def error_text(value: float) -> str:
+    """An error with three decimals; infinite where so many trials gave no estimate."""
+    return "∞" if math.isinf(value) else number(value, 3)
+
+
+def quartile_text(q: Quartiles) -> str:
+    """Median and quartiles; a dash where there is no estimate."""
+    low, middle, high = map(error_text, (q.q1, q.median, q.q3))
+    return f"{middle} ({low}, {high})" if math.isfinite(q.q1) else MISSING
+
+
+def percent(share: float) -> str:
+    """A share in whole per cent that says 100 only if it is all and 0 only if it is none."""
+    if math.isnan(share):
+        return MISSING
+    whole = round(100 * share)
+    if (whole == 100 and share < 1) or (whole == 0 and share > 0):
+        return f"{100 * share:.1f} %"
+    return f"{whole} %"
+
+
+def cells(row: Summary, rows: Sequence[Summary]) -> list[str]:
+    """One line of the table, in the order of `HEADER`."""
+    rotation = "~ " if not_ranked(row, rows, "rotation_deg") else ""
+    translation = "~ " if not_ranked(row, rows, "translation_m") else ""
+    return [
+        row.scenario,
+        row.method,
+        str(row.trials),
+        percent(row.success_rate),
+        rotation + quartile_text(row.rotation_deg),
+        translation + quartile_text(row.translation_m),
+        number(row.sigma_distance, 1),
+        converged_text(row),
+        str(row.degenerate),
+        str(row.failed),
+        number(row.seconds, 2),
+    ]
+
+
+def converged_text(row: Summary) -> str:
+    """How often a method trusted its estimate, and how often wrongly."""
+    return f"{row.converged} ({row.misled} wrongly)" if row.misled else str(row.converged)
+
+
+def truth_text(row: Summary) -> str:
+    """Uncertainty of the ground truth, in words."""
+    if math.isnan(row.groundtruth.rotation_deg):
+        return "no uncertainty known"
+    return f"{row.groundtruth.rotation_deg:.2f} deg / {row.groundtruth.translation_m:.3f} m"
+
+
+def markdown(summaries: Sequence[Summary], titles: dict[str, str]) -> str:
+    """table.md: one table a run.
+
+    Args:
+        summaries: Rows.
+        titles: Title of each run.
+    """
+    parts = []
+    for run, rows in groupby(summaries, key=lambda s: s.run):
+        of_run = list(rows)
+        lines = [list(HEADER), ["---"] * 2 + ["---:"] * (len(HEADER) - 2)]
+        lines += [cells(row, group) for group in by_scenario(of_run) for row in group]
+        table = "\n".join(f"| {' | '.join(_pipe(cell) for cell in line)} |" for line in lines)
+        truth = "; ".join(f"{g[0].scenario} {truth_text(g[0])}" for g in by_scenario(of_run))
+        parts.append(
+            f"## {titles[run]}\n\n{table}\n\nGround truth's own uncertainty (1 sigma): {truth}.\n"
+        )
+    return "\n".join([*parts, NOTE, ""])
+
+
+def latex(summaries: Sequence[Summary]) -> str:
+    """table.tex: a booktabs table a run, to be put into a paper."""
+    parts = ["% \\usepackage{booktabs}"]
+    for run, rows in groupby(summaries, key=lambda s: s.run):
+        groups = [
+            "\n".join(f"{' & '.join(_tex(c) for c in cells(row, group))} \\\\" for row in group)
+            for group in by_scenario(list(rows))
+        ]
+        body = "\n\\midrule\n".join(groups)
+        parts.append(
+            f"% run {run}\n\\begin{{tabular}}{{ll{'r' * (len(HEADER) - 2)}}}\n\\toprule\n"
+            f"{' & '.join(_tex(h) for h in HEADER)} \\\\\n\\midrule\n{body}\n"
+            "\\bottomrule\n\\end{tabular}"
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def trials_csv(results: Results) -> str:
+    """results.csv: one line a trial."""
+    skipped = {"matches", "covariance", "T_camera_lidar_initial", "T_camera_lidar_estimated"}
+    out = io.StringIO()
+    writer: csv.DictWriter[str] | None = None
+    for trial in results.trials:
+        row = {
+            f.name: getattr(trial, f.name)
+            for f in dataclasses.fields(trial)
+            if f.name not in skipped
+        }
+        row["pair_ids"] = " ".join(trial.pair_ids)
+        row["success"] = trial.success
+        estimated = trial.T_camera_lidar_estimated
+        initial = se3.to_xyz_xyzw(trial.T_camera_lidar_initial)
+        row |= {f"initial_{name}": value for name, value in zip(POSE, initial, strict=True)}
+        estimate = [math.nan] * 7 if estimated is None else se3.to_xyz_xyzw(estimated)
+        row |= {f"estimated_{name}": value for name, value in zip(POSE, estimate, strict=True)}
+        row["matched_lines"] = len(trial.matches.pair_index)
+        if writer is None:
+            writer = csv.DictWriter(out, list(row), lineterminator="\n")
+            writer.writeheader()
+        writer.writerow(row)
+    return out.getvalue()
+
+
+def _pipe(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _tex(text: str) -> str:
+    for plain, escaped in (
+        ("\\", "\\textbackslash "),
+        ("%", "\\%"),
+        ("_", "\\_"),
+        ("&", "\\&"),
+        ("#", "\\#"),
+        ("~", "$\\approx$"),
+        ("∞", "$\\infty$"),
+        (MISSING, "--"),
+    ):
+        text = text.replace(plain, escaped)
+    return text

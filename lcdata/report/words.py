@@ -1,0 +1,116 @@
+"""The report's sentences: what the data set is, how trials were made, how to read the numbers."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from lcdata.dataset import Dataset
+from lcdata.evaluation.metrics import Summary
+from lcdata.evaluation.results import TrialResult
+from lcdata.report.tables import percent
+
+UNKNOWN = "no uncertainty known"
+
+
+def count(n: int, thing: str) -> str:
+    """A number with its noun: 1 pair, 2 pairs."""
+    return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
+
+
+def listing(items: Sequence[str]) -> str:
+    """Names as a person lists them: a, b and c."""
+    return " and ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
+
+
+def data_set(dataset: Dataset) -> str:
+    """What the data set is, simulated or not said first."""
+    scenarios = sorted({pair.scenario for pair in dataset.pairs})
+    cameras = {dataset.camera(s) for s in scenarios}
+    sizes = sorted({f"{c.width}x{c.height}" for c in cameras})
+    kind = "Simulated recordings, no real sensors" if dataset.info.simulated else "Recordings"
+    truth = (
+        "from the arm's encoders and two hand-measured links"
+        if dataset.info.arm
+        else "a static reference extrinsic, no arm"
+    )
+    return (
+        f"{kind}: {count(len(dataset.pairs), 'LiDAR-camera pair')} at "
+        f"{count(len({p.pose_id for p in dataset.pairs}), 'pose')} in "
+        f"{count(len(scenarios), 'scenario')} ({listing(scenarios)}), images of "
+        f"{listing(sizes)} pixels. Ground truth: {truth}."
+    )
+
+
+def uncertainty(summaries: Sequence[Summary]) -> str:
+    """The ground truth's own uncertainty, scenario by scenario where it differs."""
+    known: dict[str, list[str]] = {}
+    for row in summaries:
+        if math.isnan(row.groundtruth.rotation_deg):
+            text = UNKNOWN
+        else:
+            text = (
+                f"{row.groundtruth.rotation_deg:.2f}° and "
+                f"{1000 * row.groundtruth.translation_m:.0f} mm"
+            )
+        names = known.setdefault(text, [])
+        if row.scenario not in names:
+            names.append(row.scenario)
+    if len(known) == 1:
+        return next(iter(known))
+    return "; ".join(f"{listing(names)} {text}" for text, names in known.items())
+
+
+def own_uncertainty(summaries: Sequence[Summary]) -> str:
+    """A sentence on the ground truth's own uncertainty, and what follows where it is unknown."""
+    text = uncertainty(summaries)
+    if text == UNKNOWN:
+        return "There is no uncertainty known of it, so that no method can be ranked by it."
+    return f"Its own uncertainty (root mean square, 1 sigma): {text}."
+
+
+def run_title(trials: Sequence[TrialResult]) -> str:
+    """What sets one run apart from others."""
+    first = trials[0]
+    joint = ", all pairs of a pose jointly" if first.group == "pose" else ""
+    return f"From {first.init_rotation_deg:g}° and {first.init_translation_m:g} m an axis{joint}"
+
+
+def protocol(trials: Sequence[TrialResult]) -> str:
+    """How the trials of one run were made, so that they can be made again."""
+    first = trials[0]
+    unit = "pose (its pairs solved jointly)" if first.group == "pose" else "pair"
+    per_unit = Counter((t.method, t.pair_ids) for t in trials)
+    rotation = math.sqrt(3) * first.init_rotation_deg
+    translation = math.sqrt(3) * first.init_translation_m
+    versions = sorted({f"{t.method} {t.method_version}" for t in trials})
+    return (
+        f"Run {first.run}: {count(max(per_unit.values()), 'trial')} a {unit} and method. Each "
+        f"starts from the ground truth turned by {first.init_rotation_deg:g}° about each axis and "
+        f"moved by {first.init_translation_m:g} m along each axis, with random signs "
+        f"({rotation:.2f}° and {translation:.3f} m in all); every method gets the same initial "
+        f"guesses. Seed {first.seed}, ground truth {first.groundtruth_version}, lcdata "
+        f"{listing(sorted({t.lcdata_version for t in trials}))}, method versions "
+        f"{listing(versions)}."
+    )
+
+
+READING = (
+    "Rotation error is the geodesic angle, translation error the L2 norm. Success is less than "
+    "0.5° and 0.1 m. A trial without an estimate counts as infinitely wrong, so it moves the "
+    "median and is never dropped. Sigma distance is the error in standard deviations of the "
+    "ground truth itself: an exactly right estimate has a median of 2.3. Two methods whose "
+    "medians differ by less than the ground truth's own uncertainty are marked ≈ and not ranked. "
+    "Converged and degenerate are the methods' own verdicts; a wrongly converged trial is no "
+    "success and gave no warning. Seconds are those of one whole calibration on one core, "
+    "features included."
+)
+
+
+def headline(rows: Sequence[Summary]) -> str:
+    """One sentence over the whole: how often each method succeeds."""
+    trials = sorted({row.trials for row in rows})
+    of = f"Of {listing([str(n) for n in trials])} trials" if trials != [1] else "Of one trial"
+    first, *others = [f"{row.method} succeeds in {percent(row.success_rate)}" for row in rows]
+    return f"{of}, {listing([first, *(text.replace('succeeds ', '') for text in others)])}."

@@ -1,0 +1,115 @@
+"""Write the report of a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import groupby
+from pathlib import Path
+
+from lcdata.dataset import Dataset
+from lcdata.dataset.atomic import write_bytes
+from lcdata.dataset.schema import REPORT
+from lcdata.errors import ReportError
+from lcdata.evaluation.results import Results, read_results
+from lcdata.report import tables, words
+from lcdata.report.gallery import exhibits
+from lcdata.report.page import Section, page
+from lcdata.report.plots import DARK, LIGHT, box_plots
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of the stage, the number of finished parts and of all parts."""
+
+
+def write_report(
+    dataset: Dataset, *, recompute: bool = False, progress: Progress | None = None
+) -> Path:
+    """Make tables, plots and one HTML page from the stored results of a data set.
+
+    Results against another ground truth than the data set's own are named and left out, or
+    measured again.
+
+    Args:
+        dataset: The data set.
+        recompute: Measure stale estimates against the present ground truth.
+        progress: Called as parts are finished.
+
+    Returns:
+        Path of index.html; results.csv, table.md, table.tex and plots lie beside it.
+
+    Raises:
+        ReportError: There are no results to show.
+    """
+    results, notice = _current(dataset, recompute)
+    hardest_first = sorted(
+        results.trials, key=lambda t: (-t.init_rotation_deg, -t.init_translation_m, t.run)
+    )
+    runs = {run: list(trials) for run, trials in groupby(hardest_first, key=lambda t: t.run)}
+    folder = Path(dataset.path) / REPORT
+    total, done = sum(1 + len({t.method for t in trials}) for trials in runs.values()), 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        if progress:
+            progress("report", done, total)
+
+    plots: dict[str, bytes] = {}
+    sections = []
+    for run, trials in runs.items():
+        light, dark = box_plots(trials, LIGHT), box_plots(trials, DARK)
+        plots[f"errors-{run}.png"] = light
+        advance()
+        pictures = {}
+        for method in dict.fromkeys(t.method for t in trials):
+            pictures[method] = exhibits(dataset, [t for t in trials if t.method == method])
+            advance()
+        summaries = [s for s in results.summaries if s.run == run]
+        sections.append(Section(trials, summaries, light, dark, pictures))
+
+    titles = {run: words.run_title(trials) for run, trials in runs.items()}
+    kind = "Simulated data" if dataset.info.simulated else "Recorded data"
+    name = Path(dataset.path).resolve().name
+    html = page(name, kind, words.data_set(dataset), sections, notice)
+    files = {
+        "results.csv": tables.trials_csv(results),
+        "table.md": f"# {name} ({kind.lower()})\n\n{tables.markdown(results.summaries, titles)}",
+        "table.tex": tables.latex(results.summaries),
+        "index.html": html,
+    }
+    for old in folder.glob("errors-*.png"):
+        if old.name not in plots:
+            old.unlink()
+    for file, png in plots.items():
+        write_bytes(folder / file, png)
+    for file, text in files.items():
+        write_bytes(folder / file, text.encode())
+    return folder / "index.html"
+
+
+def _current(dataset: Dataset, recompute: bool) -> tuple[Results, str]:
+    """Results against the present ground truth, and what a reader must know about others."""
+    everything = read_results(dataset)
+    if not everything.trials:
+        raise ReportError(
+            f"{dataset.path} has no results", "run `lcdata calibrate` on the data set first"
+        )
+    current, stale = everything.split_stale(dataset)
+    if not stale.trials:
+        return current, ""
+    stale_text = words.count(len(stale.trials), "stored trial")
+    if recompute:
+        measured, lost = everything.recomputed(dataset).split_stale(dataset)
+        notice = (
+            f"{stale_text} came from an older ground truth; the estimates are as they were, their "
+            "errors were measured again against the present one, so that initial errors differ "
+            "from the protocol's."
+        )
+        if lost.trials:
+            notice += f" {words.count(len(lost.trials), 'trial')} of poses that are gone: left out."
+        return measured, notice
+    if not current.trials:
+        raise ReportError(
+            f"all results in {dataset.path} are against an older ground truth",
+            "run `lcdata calibrate` again, or ask for their errors to be recomputed",
+        )
+    return current, f"{stale_text} against an older ground truth are stale and left out."
