@@ -37,7 +37,7 @@ class Sensor:
     """What happens between the lens and the file.
 
     Args:
-        exposure: Brightness of the mean picture, 0 ... 1 of full scale in linear light.
+        exposure: Brightness of the median surface, 0 ... 1 of full scale in linear light.
         blur_px: Standard deviation of the lens's point spread.
         vignetting: Loss of light in the corners.
         shot_noise: Noise at full scale, relative, growing with the root of the signal.
@@ -105,7 +105,8 @@ def render(
             finer = light.radiance(scene, camera_rays(fine, R, origin), pixel / _GRID)[0]
             total += np.minimum(finer, 4.0)
     picture[where] = total / _GRID**2
-    picture *= sensor.exposure / max(float(np.median(picture)), 1e-3) * 0.9
+    middle = np.median(radiance[hits.hit]) if hits.hit.any() else 1.0
+    picture *= sensor.exposure / max(float(middle), 1e-3)
     if sensor.blur_px > 0:
         picture = cv2.GaussianBlur(picture, (0, 0), sensor.blur_px)
     radius2 = np.square(xy).sum(axis=-1, keepdims=True)

@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from lcdata.arm import Arm
 from lcdata.errors import SimulationError
 from lcdata.geometry import se3
 from lcdata.rig import Link, Rig
@@ -77,3 +78,9 @@ def _moved(link: Link, name: str, rng: np.random.Generator) -> Array:
         )
     xi = rng.normal(size=6) * np.sqrt(np.diag(link.covariance))
     return se3.exp(xi) @ link.T
+
+
+def joint_offsets(arm: Arm, seed: int, std_deg: float) -> Array:
+    """(n,) constant errors of the joints' zero points in radians: truth minus reading."""
+    rng = np.random.default_rng([seed, crc32(b"joint offsets")])
+    return np.deg2rad(rng.normal(size=len(arm.joint_names)) * std_deg)

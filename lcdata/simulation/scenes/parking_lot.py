@@ -44,7 +44,8 @@ def build(rng: Rng) -> Scene:
     fixed += box((0.16, left - right - 3, 0.13), KERB, (front - 2.2, (left + right) / 2, 0))
     trees: list[tuple[float, float, float]] = []
     fixed += _row(rng, front - 7.6, right + 3, left - 3, trees)
-    fixed += place(_row(rng, -2.6, -4.0, 12.0, trees, -left + 2.5), (0, 0, 0), -np.pi / 2)
+    fixed += _row(rng, rng.uniform(9.0, 11.0), right + 6.5, -3.6, trees)
+    fixed += place(_row(rng, left - 7.6, 11.0 - front, 3.0), yaw=np.pi / 2)
     fixed += _street_furniture(rng, front, left, right)
     for y in rng.uniform(right + 3, left - 3, 2):
         trees.append((front - 1.2, y, rng.uniform(4.5, 6.5)))
@@ -113,28 +114,26 @@ def _row(
     x: float,
     y0: float,
     y1: float,
-    trees: list[tuple[float, float, float]],
-    shift: float | None = None,
+    trees: list[tuple[float, float, float]] | None = None,
 ) -> Parts:
-    """A row of bays along y with cars, islands and wheel stops; noses at `x` + 4.6."""
-    at = x if shift is None else -shift
+    """A row of bays along y, cars' noses at `x` + 4.6; islands get trees if they can be noted."""
     parts: Parts = []
     bays = np.arange(y0, y1 - 2.4, 2.5)
     for i, y in enumerate(bays):
-        parts += props.line((at, y), (at + 4.9, y), 0.11, props.PAINT)
+        parts += props.line((x, y), (x + 4.9, y), 0.11, props.PAINT)
         middle = y + 1.25
         if i % 6 == 3:
-            parts += box((4.9, 1.8, 0.15), KERB, (at + 2.5, middle, 0), top=props.GRASS)
-            if shift is None:
-                trees.append((at + 2.5, middle, rng.uniform(3.8, 5.5)))
-            parts += place(props.sign(rng), (at + 0.6, middle, 0.1))
+            parts += box((4.9, 1.8, 0.15), KERB, (x + 2.5, middle, 0), top=props.GRASS)
+            if trees is not None:
+                trees.append((x + 2.5, middle, rng.uniform(3.8, 5.5)))
+            parts += place(props.sign(rng), (x + 0.6, middle, 0.1))
             continue
-        parts += box((0.16, 1.7, 0.11), props.HAZARD, (at + 4.55, middle, 0))
+        parts += box((0.16, 1.7, 0.11), props.HAZARD, (x + 4.55, middle, 0))
         if rng.uniform() < 0.62:
             turn = np.pi if rng.uniform() < 0.4 else 0.0
-            centre = (at + rng.uniform(2.1, 2.4), middle + rng.normal(scale=0.08), 0)
+            centre = (x + rng.uniform(2.1, 2.4), middle + rng.normal(scale=0.08), 0)
             parts += place(props.car(rng), centre, turn + rng.normal(scale=0.03))
-    parts += props.line((at, bays[-1] + 2.5), (at + 4.9, bays[-1] + 2.5), 0.11, props.PAINT)
+    parts += props.line((x, bays[-1] + 2.5), (x + 4.9, bays[-1] + 2.5), 0.11, props.PAINT)
     return parts
 
 
@@ -149,7 +148,7 @@ def _street_furniture(rng: Rng, front: float, left: float, right: float) -> Part
     for x in (-2.98, 2.98):
         for y in (-1.17, 1.17):
             container += box((0.16, 0.16, 2.6), tone, (x, y, 0))
-    parts += place(container, (rng.uniform(8, 12), right + 2.4, 0), rng.uniform(-0.2, 0.2))
+    parts += place(container, (front * 0.62, right + 2.4, 0), rng.uniform(-0.2, 0.2))
     near = rng.uniform(4.2, 6.0)
     for k in range(7):
         y = -3.4 + k
@@ -172,6 +171,6 @@ def _street_furniture(rng: Rng, front: float, left: float, right: float) -> Part
     shelter += box((3.0, 0.03, 1.1), props.GLASS, (0, 0.7, 0.9))
     shelter += box((3.0, 0.03, 0.7), CLADDING, (0, 0.7, 0.15))
     shelter += box((1.0, 0.6, 1.15), DOOR, (-0.7, 0.2, 0))
-    parts += place(shelter, (rng.uniform(6, 9), left - 2.2, 0), rng.uniform(-0.15, 0.15))
+    parts += place(shelter, (near + 0.5, right * 0.62, 0), np.pi + rng.uniform(-0.2, 0.4))
     crates = props.stack(rng, 3, props.CARDBOARD)
-    return parts + place(crates, (near + rng.uniform(3, 5), left * 0.45, 0), rng.uniform(0, 3))
+    return parts + place(crates, (near + rng.uniform(3, 5), left * 0.35, 0), rng.uniform(0, 3))
