@@ -43,17 +43,25 @@ class Survey:
     clock_ns: dict[str, Stamps] = field(default_factory=dict)
 
 
-def survey(recording: Recording, topics: Topics, arm: Arm | None = None) -> Survey:
+def survey(
+    recording: Recording,
+    topics: Topics,
+    arm: Arm | None = None,
+    *,
+    joint_names: Sequence[str] = (),
+) -> Survey:
     """Read all stamps and, with an arm, all joint positions. Clouds and images stay closed.
 
     Args:
         recording: An open recording.
         topics: What to read.
         arm: Whose joints to look for; joint states of other devices on the topic are left out.
+        joint_names: Joints to look for where there is no model of the arm.
 
     Raises:
         ArmError: No joint state has all joints of the arm.
     """
+    joint_names = arm.joint_names if arm else joint_names
     stamps = {topic: array("q") for topic in topics.names()}
     bag = {topic: array("q") for topic in topics.names()}
     joint_ns, positions = array("q"), array("d")
@@ -67,12 +75,12 @@ def survey(recording: Recording, topics: Topics, arm: Arm | None = None) -> Surv
         if topic == topics.camera_info and camera_info is None:
             message = recording.read(topic, raw, stamp_ns, bag_ns)
             camera_info = message if isinstance(message, CameraInfo) else None
-        elif topic == topics.joint_states and arm is not None:
+        elif topic == topics.joint_states and joint_names:
             message = recording.read(topic, raw, stamp_ns, bag_ns)
             if not isinstance(message, JointState):
                 continue
             if message.names not in orders:
-                orders[message.names] = _order(arm.joint_names, message.names)
+                orders[message.names] = _order(joint_names, message.names)
             order = orders[message.names]
             if order is None:
                 foreign = message
@@ -81,12 +89,11 @@ def survey(recording: Recording, topics: Topics, arm: Arm | None = None) -> Surv
             positions.extend(message.positions[order])
     if arm is not None and foreign is not None and not joint_ns:
         arm.order(foreign.names, foreign.positions)  # raises, naming the joints
-    joints = len(arm.joint_names) if arm else 0
     return Survey(
         np.unique(np.array(stamps[topics.lidar], np.int64)),
         np.unique(np.array(stamps[topics.image], np.int64)),
         np.array(joint_ns, np.int64),
-        np.array(positions, np.float64).reshape(-1, joints) if joints else np.empty((0, 0)),
+        np.array(positions, np.float64).reshape(len(joint_ns), len(joint_names)),
         camera_info,
         {t: np.array(stamps[t], np.int64) - np.array(bag[t], np.int64) for t in stamps},
     )

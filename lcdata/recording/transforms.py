@@ -19,15 +19,19 @@ SAME = 1e-9
 """Two transforms that differ by less in any element are the same."""
 
 
-def static_transforms(recording: Recording) -> list[StaticTransform]:
-    """Transforms of /tf_static, and those of /tf that stay the same.
+def static_transforms(recording: Recording, *, unchanged: bool = False) -> list[StaticTransform]:
+    """Transforms of /tf_static.
 
-    In ROS 1, a static_transform_publisher publishes on /tf, again and again.
+    Args:
+        recording: An open recording.
+        unchanged: Whether to read all of /tf, too, for transforms that stay the same: in ROS 1,
+            a static_transform_publisher publishes there, again and again.
     """
     topics = [t for t, info in recording.topics.items() if info.type in TRANSFORMS]
     static = [t for t in topics if t.endswith("tf_static")]
     found = _last(recording, static)
-    for edge, transform in _unchanged(recording, [t for t in topics if t not in static]).items():
+    moving = [t for t in topics if t not in static] if unchanged else []
+    for edge, transform in _unchanged(recording, moving).items():
         found.setdefault(edge, transform)
     return list(found.values())
 
@@ -72,8 +76,12 @@ def static_extrinsic(recording: Recording, camera_frame: str, lidar_frame: str) 
     Raises:
         RecordingError: The transforms do not join the two frames.
     """
-    transforms = static_transforms(recording)
-    T_camera_lidar = chain(transforms, camera_frame, lidar_frame)
+    transforms: list[StaticTransform] = []
+    T_camera_lidar: Array | None = None
+    for unchanged in (False, True):  # /tf may be long: only where /tf_static is not enough
+        if T_camera_lidar is None:
+            transforms = static_transforms(recording, unchanged=unchanged)
+            T_camera_lidar = chain(transforms, camera_frame, lidar_frame)
     if T_camera_lidar is None:
         frames = sorted({f for t in transforms for f in (t.parent, t.child)})
         known = f"they join {', '.join(frames)}" if frames else "there are none"

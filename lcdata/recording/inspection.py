@@ -1,0 +1,280 @@
+"""Filling in a summary, part by part."""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.errors import ArmError, GeometryError, LcdataError, RecordingError, TopicError
+from lcdata.recording import fields
+from lcdata.recording.dwells import find_dwells, speed
+from lcdata.recording.messages import Cloud, Image, JointState
+from lcdata.recording.plan import PosePlan, plan_poses
+from lcdata.recording.source import Recording
+from lcdata.recording.summary import (
+    ClockSummary,
+    CloudSummary,
+    ImageSummary,
+    PoseSummary,
+    Summary,
+    TopicSummary,
+)
+from lcdata.recording.survey import Survey, survey
+from lcdata.recording.topics import TYPES, Topics, candidates, choose_topics
+from lcdata.recording.transforms import static_extrinsic, static_transforms
+
+if TYPE_CHECKING:
+    from lcdata.arm import Arm
+    from lcdata.geometry.camera import Camera
+    from lcdata.rig import Rig
+
+Stamps = NDArray[np.int64]
+
+YEAR_2001_NS = 10**18
+"""Header stamps before it come from a clock that was never set."""
+
+CLOCK_LIMIT_S = 1.0
+"""No driver and no network delays a message for longer."""
+
+
+def inspect(summary: Summary, recording: Recording, rig: Rig | None) -> None:
+    """Fill in a summary.
+
+    Args:
+        summary: With path, name, times and kind of ground truth.
+        recording: Open.
+        rig: The rig that build would use, or None.
+    """
+    summary.candidates = {role: [i.name for i in candidates(recording, role)] for role in TYPES}
+    try:
+        topics = choose_topics(recording, rig)
+    except TopicError as error:
+        summary.obstacles.append(str(error))
+        summary.topics = _topics(recording, None, None)
+    else:
+        _look(summary, recording, topics, rig)
+
+
+def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | None) -> None:
+    arm = _find_arm(summary, recording, topics, rig)
+    try:
+        surveyed = survey(recording, topics, arm, joint_names=summary.joint_names)
+    except ArmError as error:
+        summary.obstacles.append(f"{recording.path}: topic {topics.joint_states}: {error}")
+        surveyed = survey(recording, topics)
+        arm = None
+    summary.topics = _topics(recording, topics, surveyed)
+    summary.clocks = _clocks(topics, surveyed) if recording.stamps == "header" else []
+    cloud, image = (_first(recording, name) for name in (topics.lidar, topics.image))
+    if isinstance(cloud, Cloud):
+        _look_at_cloud(summary, cloud, rig)
+    if isinstance(image, Image):
+        _look_at_image(summary, image, surveyed, rig)
+    _look_at_transforms(summary, recording, rig)
+    if rig is None and summary.joint_names and (summary.arm_model or not summary.T_camera_lidar):
+        summary.ground_truth = "arm"
+    _plan(summary, surveyed, arm, rig)
+
+
+def _find_arm(
+    summary: Summary, recording: Recording, topics: Topics, rig: Rig | None
+) -> Arm | None:
+    """The rig's arm; without a rig the known one whose joints are published."""
+    if rig is not None:
+        if rig.ground_truth == "static":
+            return None
+        arm = rig.load_arm()
+        summary.arm_model, summary.joint_names = rig.arm.model, list(arm.joint_names)
+        return arm
+    if topics.joint_states is None:
+        return None
+    from lcdata.arm import Arm, model_directory
+
+    published = {
+        message.names
+        for _, message in islice(recording.messages([topics.joint_states]), 20)
+        if isinstance(message, JointState)
+    }
+    for urdf in sorted(model_directory().glob("*/*.urdf")):
+        arm = Arm(urdf)
+        if any(set(arm.joint_names) <= set(names) for names in published):
+            summary.arm_model, summary.joint_names = urdf.stem, list(arm.joint_names)
+            return arm
+    summary.joint_names = list(max(published, key=lambda names: len(names), default=()))
+    return None
+
+
+def _first(recording: Recording, topic: str) -> object:
+    return next((message for _, message in recording.messages([topic])), None)
+
+
+def _topics(
+    recording: Recording, topics: Topics | None, surveyed: Survey | None
+) -> list[TopicSummary]:
+    stamps: dict[str, Stamps] = {}
+    roles: dict[str, str] = {}
+    if topics and surveyed:
+        roles = {getattr(topics, role): role for role in TYPES if getattr(topics, role)}
+        stamps = {topics.lidar: surveyed.lidar_ns, topics.image: surveyed.image_ns}
+        if topics.joint_states and len(surveyed.joint_ns):
+            stamps[topics.joint_states] = np.unique(surveyed.joint_ns)
+    seconds = (recording.end_ns - recording.start_ns) * 1e-9
+    found = []
+    for name, info in sorted(recording.topics.items()):
+        rate = (info.count - 1) / seconds if info.count > 1 and seconds > 0 else None
+        gap = None
+        if len(steps := np.diff(stamps.get(name, np.empty(0, np.int64)))):
+            rate, gap = 1e9 / float(np.median(steps)), float(steps.max()) * 1e-9
+        found.append(TopicSummary(name, info.type, info.count, roles.get(name, ""), rate, gap))
+    return found
+
+
+def _clocks(topics: Topics, surveyed: Survey) -> list[ClockSummary]:
+    first = {topics.lidar: surveyed.lidar_ns, topics.image: surveyed.image_ns}
+    if topics.joint_states:
+        first[topics.joint_states] = surveyed.joint_ns
+    found = []
+    for topic, stamps in first.items():
+        difference = surveyed.clock_ns.get(topic, np.empty(0, np.int64))
+        if not len(difference) or not len(stamps):
+            continue
+        median, largest = np.median(difference) * 1e-9, np.abs(difference).max() * 1e-9
+        note = ""
+        if not stamps.any():
+            note = "its header stamps are all 0: set `stamps: bag` in the rig"
+        elif stamps[0] < YEAR_2001_NS:
+            note = (
+                f"its clock does not start in 1970, the first stamp is {stamps[0] * 1e-9:.3f} s: "
+                "set `stamps: bag` in the rig unless all sensors share that clock"
+            )
+        elif abs(median) > CLOCK_LIMIT_S:
+            note = (
+                f"its clock is {median:+.3f} s off the recorder's: set `stamps: bag` in the rig "
+                "unless all sensors share that clock"
+            )
+        found.append(ClockSummary(topic, float(median) * 1e3, float(largest) * 1e3, note))
+    return found
+
+
+def _look_at_cloud(summary: Summary, cloud: Cloud, rig: Rig | None) -> None:
+    dtype = cloud.records.dtype
+    names = dtype.names or ()
+    shapes = {name: "x".join(map(str, dtype[name].shape)) for name in names}
+    usable, time = 0, None
+    try:
+        usable = int(np.isfinite(fields.points(cloud.records)).all(axis=1).sum())
+        given = {"field": rig.point_time.field, "unit": rig.point_time.unit} if rig else {}
+        time = fields.point_time(cloud.records, **given)
+    except LcdataError as error:
+        summary.obstacles.append(str(error))
+    if not usable:
+        summary.obstacles.append("the first cloud has no finite point")
+    summary.cloud = CloudSummary(
+        cloud.frame_id,
+        [f"{n} {dtype[n].base.name}{shapes[n] and f'[{shapes[n]}]'}" for n in names],
+        len(cloud.records),
+        usable,
+        list(cloud.organised) if cloud.organised else None,
+        fields.intensity_name(dtype),
+        fields.ring_name(dtype),
+        time,
+    )
+
+
+def _look_at_image(summary: Summary, image: Image, surveyed: Survey, rig: Rig | None) -> None:
+    summary.image = ImageSummary(image.frame_id, image.encoding, image.width, image.height)
+    camera: Camera | None = rig.camera_model() if rig else None
+    source = "rig" if camera else "CameraInfo"
+    try:
+        if camera is None and surveyed.camera_info is not None:
+            camera = surveyed.camera_info.camera()
+        image.decode()
+    except LcdataError as error:
+        summary.obstacles.append(str(error))
+    if camera is None:
+        if surveyed.camera_info is None:
+            summary.obstacles.append("no CameraInfo: give the camera in the rig")
+        return
+    summary.camera = {
+        "source": source,
+        "model": camera.model,
+        "width": camera.width,
+        "height": camera.height,
+        "intrinsics": list(camera.intrinsics),
+        "distortion": list(camera.distortion),
+    }
+    if (image.width, image.height) != (camera.width, camera.height):
+        summary.obstacles.append(
+            f"images of {image.width}x{image.height}, {source} is for "
+            f"{camera.width}x{camera.height}: give the camera of these images in the rig"
+        )
+
+
+def _look_at_transforms(summary: Summary, recording: Recording, rig: Rig | None) -> None:
+    for transform in static_transforms(recording):
+        summary.transforms.append(f"{transform.parent} <- {transform.child}")
+    if rig is not None and rig.ground_truth == "arm":
+        return
+    if rig is not None and rig.T_camera_lidar is not None:
+        summary.T_camera_lidar = rig.T_camera_lidar.T.tolist()
+    elif summary.cloud and summary.image:
+        try:
+            T = static_extrinsic(recording, summary.image.frame, summary.cloud.frame)
+            summary.T_camera_lidar = T.tolist()
+        except (RecordingError, GeometryError) as error:
+            if rig is not None:
+                summary.obstacles.append(str(error))
+
+
+def _plan(summary: Summary, surveyed: Survey, arm: Arm | None, rig: Rig | None) -> None:
+    from lcdata.rig import Dwells, Pairing
+
+    rules, pairing = (rig.dwells, rig.pairing) if rig else (Dwells(), Pairing())
+    dwells = None
+    if summary.ground_truth == "arm":
+        dwells = find_dwells(surveyed.joint_ns, surveyed.positions, rules)
+        if not dwells:
+            summary.obstacles.append(_no_dwell(surveyed, rules))
+    poses = plan_poses(summary.scenario, surveyed, dwells, tolerance_ms=pairing.tolerance_ms)
+    starts = [s[0] for s in (surveyed.lidar_ns, surveyed.image_ns, surveyed.joint_ns) if len(s)]
+    summary.poses = [_pose(pose, int(min(starts)), arm) for pose in poses]
+    if poses and not summary.pairs:
+        reasons = dict.fromkeys(pose.reason for pose in summary.poses)
+        summary.obstacles.append(f"no pair: {'; '.join(reasons)}")
+
+
+def _no_dwell(surveyed: Survey, rules: Any) -> str:
+    if not len(surveyed.joint_ns):
+        return "no dwell: no joint states of the arm"
+    seconds = (surveyed.joint_ns - surveyed.joint_ns[0]) * 1e-9
+    order = np.argsort(seconds, kind="stable")
+    slowest = np.rad2deg(np.nanmin(speed(seconds[order], surveyed.positions[order])))
+    return (
+        f"no dwell: the joints never stay below {rules.max_velocity_deg_s:g} deg/s for "
+        f"{rules.settle_s + rules.min_duration_s:g} s; the slowest moment is {slowest:.3g} deg/s "
+        "(dwells in the rig)"
+    )
+
+
+def _pose(pose: PosePlan, start_ns: int, arm: Arm | None) -> PoseSummary:
+    reason, dwell = pose.reason, pose.dwell
+    pairs = len(pose.lidar_ns)
+    if dwell is not None and arm is not None:
+        try:
+            arm.check_limits(dwell.positions_mean)
+        except ArmError as error:
+            reason, pairs = str(error), 0
+    return PoseSummary(
+        pose.pose_id,
+        (pose.start_ns - start_ns) * 1e-9,
+        (pose.end_ns - pose.start_ns) * 1e-9,
+        np.rad2deg(dwell.positions_mean).tolist() if dwell else [],
+        np.rad2deg(dwell.positions_std).tolist() if dwell else [],
+        pose.scans,
+        pose.images,
+        pairs,
+        reason,
+    )
