@@ -20,9 +20,11 @@ Array = NDArray[np.float64]
 def blueprint(
     methods: Sequence[str],
     axis_tops: Mapping[str, float],
+    *,
     size: tuple[int, int],
     root: str,
     T_root_camera: Array,
+    lidar: Array,
 ) -> rrb.Blueprint:
     """Scene and images above, errors and text below.
 
@@ -32,6 +34,7 @@ def blueprint(
         size: Width and height in pixels of the largest image.
         root: Frame that the scene is shown in.
         T_root_camera: 4x4 of the first pair, from behind which the scene is seen.
+        lidar: (3,) where the LiDAR is in the root frame, metres.
     """
     import rerun.blueprint as rrb
 
@@ -41,7 +44,7 @@ def blueprint(
         grid_columns=1 if len(sources) == 1 else 2 if len(sources) <= 4 else 3,
         name="cloud on image",
     )
-    above = rrb.Horizontal(_scene_view(root, T_root_camera), images, column_shares=[2, 3])
+    above = rrb.Horizontal(_scene_view(root, T_root_camera, lidar), images, column_shares=[2, 3])
     text = rrb.Tabs(
         rrb.TextDocumentView(origin=names.SUMMARY, name="Summary"),
         rrb.TextDocumentView(origin=names.PAIR_TEXT, name="This pair"),
@@ -73,8 +76,8 @@ def blueprint(
     )
 
 
-def _scene_view(root: str, T_root_camera: Array) -> Any:
-    """The scene from behind and above the camera, to its side, so that frustums are seen."""
+def _scene_view(root: str, T_root_camera: Array, lidar: Array) -> Any:
+    """The scene from behind and above the camera; from the side on which no mast hides the arm."""
     import rerun.blueprint as rrb
 
     eye, forward = T_root_camera[:3, 3], T_root_camera[:3, 2].copy()
@@ -82,6 +85,8 @@ def _scene_view(root: str, T_root_camera: Array) -> Any:
     length = np.linalg.norm(forward)
     forward = forward / length if length > 0.1 else np.array([1.0, 0.0, 0.0])
     side = np.array([-forward[1], forward[0], 0.0])
+    if side @ (lidar - eye) > 0:
+        side = -side
     up = np.array([0.0, 0.0, 1.0])
     return rrb.Spatial3DView(
         origin="/",
@@ -101,7 +106,7 @@ def _scene_view(root: str, T_root_camera: Array) -> Any:
         spatial_information=rrb.SpatialInformation(target_frame=root, show_axes=False),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=eye - 2.2 * forward + 1.3 * side + 1.1 * up,
+            position=eye - 1.9 * forward + 1.8 * side + 1.0 * up,
             look_target=eye + 0.8 * forward,
             eye_up=up,
         ),

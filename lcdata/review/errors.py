@@ -10,7 +10,7 @@ import numpy as np
 
 from lcdata.evaluation import metrics
 from lcdata.review import colours, names
-from lcdata.review.trials import OUTCOME_COLOURS, Trials, outcome
+from lcdata.review.trials import OUTCOME_COLOURS, SIGMA_LIMIT, Trials, outcome
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -57,7 +57,7 @@ MEASURES = (
     Measure(
         "sigma_distance",
         "error / ground-truth sigma",
-        3.5,
+        SIGMA_LIMIT,
         lambda trial: trial.sigma_distance,
         None,
     ),

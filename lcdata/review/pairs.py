@@ -211,18 +211,19 @@ class PairLogger:
             lines_lidar, lines_image = _no_lines()
             T = np.eye(4)
         colour = self.colours[method]
-        width = rr.Radius.ui_points(2.0)
         self.recording.log(
             f"{names.LINES}/{method}",
             rr.CoordinateFrame(names.FRAME_LIDAR),
-            rr.LineStrips3D(lines_lidar.astype(np.float32), colors=[colour], radii=width),
+            rr.LineStrips3D(
+                lines_lidar.astype(np.float32), colors=[colour], radii=rr.Radius.ui_points(1.5)
+            ),
         )
         folder = f"{names.OVERLAYS}/{method}"
         inside = clip_segments(lines_image, (camera.width, camera.height))
         projected = project_segments(camera, T, lines_lidar)
-        for name, segments, segment_colour, order in (
-            ("lines_image", inside, WHITE, 20.0),
-            ("lines_cloud", projected, colour, 30.0),
+        for name, segments, segment_colour, radius, order in (
+            ("lines_image", inside, WHITE, 1.8, 20.0),
+            ("lines_cloud", projected, colour, 0.9, 30.0),  # thinner: white shows where they agree
         ):
             self.recording.log(
                 f"{folder}/{name}",
@@ -230,7 +231,7 @@ class PairLogger:
                 rr.LineStrips2D(
                     segments.astype(np.float32),
                     colors=[segment_colour],
-                    radii=width,
+                    radii=rr.Radius.ui_points(radius),
                     draw_order=order,
                 ),
             )

@@ -139,13 +139,20 @@ def _log_whole(recording: rr.RecordingStream, dataset: Dataset, trials: Trials) 
     ]
     columns = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
     recording.send_columns(names.PAIR_TEXT, everywhere, columns)
-    first = poses[0]
-    T_root_camera = se3.inverse(first.T_camera_lidar)
-    if is_arm and first.T_base_lidar is not None:
-        T_root_camera = first.T_base_lidar @ T_root_camera
+    T_root_lidar = poses[0].T_base_lidar if is_arm else None
+    T_root_lidar = np.eye(4) if T_root_lidar is None else T_root_lidar
+    T_root_camera = T_root_lidar @ se3.inverse(poses[0].T_camera_lidar)
     cameras = [dataset.camera(scenario) for scenario in dataset.scenarios]
     size = max(c.width for c in cameras), max(c.height for c in cameras)
-    recording.send_blueprint(blueprint(trials.methods, tops, size, root, T_root_camera))
+    layout = blueprint(
+        trials.methods,
+        tops,
+        size=size,
+        root=root,
+        T_root_camera=T_root_camera,
+        lidar=T_root_lidar[:3, 3],
+    )
+    recording.send_blueprint(layout)
 
 
 def time_columns(records: Sequence[PairRecord], numbers: Sequence[int]) -> list[Any]:

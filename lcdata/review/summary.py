@@ -10,7 +10,15 @@ import numpy as np
 
 from lcdata.evaluation import metrics
 from lcdata.review.text import count_text, error_text, number_text, uncertainty_text
-from lcdata.review.trials import RIGHT, RIGHT_FLAGGED, Trials, outcome
+from lcdata.review.trials import (
+    NO_ESTIMATE,
+    SIGMA_LIMIT,
+    UNDECIDED,
+    WRONG,
+    WRONG_FLAGGED,
+    Trials,
+    outcome,
+)
 
 if TYPE_CHECKING:
     from lcdata.dataset.reader import Dataset
@@ -133,9 +141,9 @@ def _table(trials: Trials) -> str:
     lines = [
         "## Which method fails where",
         "",
-        "| scenario | method | right | median rotation (deg) | median translation (m) "
+        "| scenario | method | right | undecided | median rotation (deg) | median translation (m) "
         "| sigmas | flagged | no estimate |",
-        "|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in metrics.summarise(trials.all):
         here = [t for t in trials.all if t.method == row.method]
@@ -146,6 +154,7 @@ def _table(trials: Trials) -> str:
             row.scenario,
             row.method,
             f"**{row.successes}/{row.trials}**",
+            str(sum(outcome(t) == UNDECIDED for t in here)),
             number_text(row.rotation_deg.median),
             number_text(row.translation_m.median),
             number_text(row.sigma_distance),
@@ -158,7 +167,8 @@ def _table(trials: Trials) -> str:
         f"Right: below {metrics.SUCCESS_ROTATION_DEG:g} deg and "
         f"{metrics.SUCCESS_TRANSLATION_M:g} m. Flagged: the method itself says that its estimate "
         "is degenerate or has not converged. Sigmas: median error in standard deviations of the "
-        "ground truth; up to about 3.5 say nothing against an estimate.",
+        f"ground truth; up to {SIGMA_LIMIT:g} say nothing against an estimate, so one that is "
+        "beyond the limits by no more than that is called undecided.",
     ]
     return "\n".join(lines)
 
@@ -170,10 +180,10 @@ def _failures(records: Sequence[PairRecord], trials: Trials) -> str:
         wrong = []
         for number, record in enumerate(records):
             trial = trials.of_pair(record.pair_id).get(method)
-            if trial and outcome(trial) not in (RIGHT, RIGHT_FLAGGED):
+            if trial and outcome(trial) in (WRONG, WRONG_FLAGGED, NO_ESTIMATE):
                 wrong.append((_badness(trial), number, record.pair_id, trial))
         if not wrong:
-            lines.append(f"**{method}**: right on every pair that is shown.")
+            lines.append(f"**{method}**: wrong on no pair that is shown.")
             continue
         wrong.sort(key=lambda item: item[0], reverse=True)
         items = [

@@ -20,12 +20,18 @@ Array = NDArray[np.float64]
 
 RIGHT = "right"
 RIGHT_FLAGGED = "right, but flagged"
+UNDECIDED = "undecided"
 WRONG_FLAGGED = "wrong, flagged"
 WRONG = "wrong, not flagged"
 NO_ESTIMATE = "no estimate"
+SIGMA_LIMIT = 3.5
+"""An error of up to so many of the ground truth's standard deviations says nothing: it is the
+95 % quantile of chi with six degrees of freedom."""
+
 OUTCOME_COLOURS: dict[str, RGB] = {
     RIGHT: (46, 160, 92),
     RIGHT_FLAGGED: (150, 190, 80),
+    UNDECIDED: (96, 130, 176),
     WRONG_FLAGGED: (222, 200, 50),
     WRONG: (214, 62, 62),
     NO_ESTIMATE: (120, 60, 130),
@@ -106,12 +112,18 @@ def choose_trials(dataset: Dataset, run: str | None = None) -> Trials:
 
 
 def outcome(trial: TrialResult) -> str:
-    """A key of `OUTCOME_COLOURS`: is the trial right, and does its method say so?"""
+    """A key of `OUTCOME_COLOURS`: is the trial right, and does its method say so?
+
+    Beyond the limits, yet no farther from the ground truth than that may itself be from the
+    truth: then nobody can say.
+    """
     if trial.failed:
         return NO_ESTIMATE
     flagged = trial.degenerate or not trial.converged
     if trial.success:
         return RIGHT_FLAGGED if flagged else RIGHT
+    if trial.sigma_distance <= SIGMA_LIMIT:
+        return UNDECIDED
     return WRONG_FLAGGED if flagged else WRONG
 
 
