@@ -24,7 +24,8 @@ SHORTEST_M = 0.25
 SHORTEST_ANGLE = np.radians(1.5)
 """A segment is at least this long in metres and, seen from the scanner, in angle."""
 LARGEST_STD_M = 0.1
-SAME_ANGLE = np.radians(3.0)
+SAME_SIGMA, SAME_M = 2.0, 0.02
+"""Lines closer than this are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,4 +92,43 @@ def extract_cloud_lines(
         np.concatenate([crease_support, outline_support]),
         np.concatenate([crease_std, outline_std]),
     )
-    return lines
+    return _without_repeats(_worth_having(lines))
+
+
+def _chosen(lines: CloudLines, index: NDArray[Any]) -> CloudLines:
+    return CloudLines(
+        lines.segments[index], lines.kind[index], lines.support[index], lines.std[index]
+    )
+
+
+def _worth_having(lines: CloudLines) -> CloudLines:
+    """Lines that are long enough and well enough known, the largest in the scanner's view first."""
+    start, end = lines.segments[:, 0], lines.segments[:, 1]
+    across = np.linalg.norm(np.cross(start, end), axis=1)
+    angle = np.arctan2(across, (start * end).sum(axis=1))
+    good = (lines.lengths > SHORTEST_M) & (angle > SHORTEST_ANGLE) & (lines.std < LARGEST_STD_M)
+    return _chosen(lines, np.flatnonzero(good)[np.argsort(-angle[good], kind="stable")])
+
+
+def _without_repeats(lines: CloudLines) -> CloudLines:
+    """Drop an outline along a crease, and shorter copies of a line.
+
+    Compared as seen from the scanner, where a copy covers the line: both its ends lie within
+    its standard deviations of the longer line and most of it beside it.
+    """
+    start, end = lines.segments[:, 0], lines.segments[:, 1]
+    length = np.maximum(lines.lengths, 1e-9)
+    along = (end - start) / length[:, None]
+    # t, off: (i, j) where along line i, and how far from it, the ends of line j are.
+    tolerance = SAME_SIGMA * np.hypot(lines.std[:, None], lines.std) + SAME_M
+    near = np.ones((len(lines), len(lines)), bool)
+    t = []
+    for point in (start, end):
+        offset = point[None] - start[:, None]
+        place = np.einsum("ijk,ik->ij", offset, along)
+        near &= np.linalg.norm(offset - place[..., None] * along[:, None], axis=2) < tolerance
+        t.append(np.clip(place, 0, length[:, None]))
+    shared = np.abs(t[1] - t[0]) > 0.5 * length
+    better = (length[:, None] > length) | (lines.kind[:, None] < lines.kind)
+    better &= lines.kind[:, None] <= lines.kind
+    return _chosen(lines, np.flatnonzero(~(near & shared & better).any(axis=0)))

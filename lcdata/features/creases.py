@@ -69,6 +69,19 @@ def find_creases(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDArray[
 
 
 @njit(cache=True)
+def off_line(p: Floats, other: Array, sine: float) -> float:
+    """Distance of a point of one plane from the line in which it meets another, metres."""
+    off = abs(other[0] * p[0] + other[1] * p[1] + other[2] * p[2] - 1.0)
+    return off / (sine * np.sqrt(other[0] ** 2 + other[1] ** 2 + other[2] ** 2))
+
+
+@njit(cache=True)
+def spacing(p: Floats, r: float, a: Array, step: float) -> float:
+    """Distance on a plane between beams that are an angle apart, metres."""
+    return step * r * r * np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
+
+
+@njit(cache=True)
 def crossings(
     points: Floats, labels: Labels, inverse: Array, turn: bool, ring_step: float, noise: float
 ) -> tuple[Labels, Array]:
@@ -124,10 +137,17 @@ def crossings(
                 # a - b is the normal of the plane through the scanner and the line.
                 d0, d1, d2 = a[0] - b[0], a[1] - b[1], a[2] - b[2]
                 off = (d0 * u0 + d1 * u1 + d2 * u2) / np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-                inside = (a[0] + b[0]) * u0 + (a[1] + b[1]) * u1 + (a[2] + b[2]) * u2
                 # Pixels within 3 sigma of both planes went to whichever came first.
-                contested = 4.0 * noise / (min(rp, rq) * sine)
-                if inside <= 0.0 or abs(off) > 1.5 * ring_step + contested:
+                contested = 4.0 * noise / sine
+                if abs(off) > 1.5 * ring_step + contested / min(rp, rq):
+                    continue
+                # Planes that only seem to meet, one far behind the other, do not count.
+                if label != one:
+                    p, q, rp, rq = q, p, rq, rp
+                near = off_line(p, b, sine) < contested + spacing(p, rp, a, 2.0 * ring_step)
+                if not near or (
+                    off_line(q, a, sine) > contested + spacing(q, rq, b, 2.0 * ring_step)
+                ):
                     continue
                 pairs[count, 0], pairs[count, 1] = one, two
                 norm = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2)

@@ -32,6 +32,9 @@ FLAT_SIGMA = 1.6
 """Largest residual of a window that counts as flat, in standard deviations."""
 MERGE_GAP = 3
 """How many nodes apart two regions may be to be neighbours."""
+NEIGHBOURS = 6
+EXPLAINED = 1.5
+"""A region goes if its neighbours' planes fit its points up to this much worse than its own."""
 FEWEST_NODES = 15
 NOISE_LIMITS_M = 0.004, 0.05
 
@@ -76,8 +79,14 @@ def find_planes(grid: ScanGrid) -> Planes:
     new = np.full(len(parents) + 1, -1, np.int32)
     new[roots] = np.arange(len(roots))
     new[:-1] = new[parents]
+    node_labels = new[node_labels]
     inverse = vectors[roots]
-    labels = spread(points, new[node_labels], inverse, stride, turn, noise)
+    kept = ~explained(nodes, node_labels, inverse, turn, noise)
+    roots, inverse = roots[kept], inverse[kept]
+    node_labels = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1).astype(np.int32)[
+        node_labels
+    ]
+    labels = spread(points, node_labels, inverse, stride, turn, noise)
     matrices = sums[roots][:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     return Planes(labels, inverse, np.linalg.inv(matrices), noise)
 
@@ -405,6 +414,68 @@ def merge(
                     for k in range(3):
                         vectors[one, k] = a[k]
     return parents
+
+
+@njit(cache=True)
+def explained(
+    points: Floats, labels: Labels, vectors: Array, turn: bool, noise: float
+) -> NDArray[np.bool_]:
+    """Find regions whose points belong to larger planes beside them.
+
+    Windows across a rounded-off or a grazing crease can be flat enough to start a plane of
+    their own. Its points fit its larger neighbours as well as itself.
+
+    Returns:
+        (P,) True for such regions.
+    """
+    rings, columns = labels.shape
+    sizes = np.zeros(len(vectors), np.int64)
+    beside = np.full((len(vectors), NEIGHBOURS), -1, np.int32)
+    for i in range(rings):
+        for j in range(columns):
+            if labels[i, j] >= 0:
+                sizes[labels[i, j]] += 1
+    for i in range(rings):
+        for j in range(columns):
+            one = labels[i, j]
+            if one < 0:
+                continue
+            for step in range(2 * MERGE_GAP):
+                ni, nj = i, j
+                if step < MERGE_GAP:
+                    nj += step + 1
+                else:
+                    ni += step - MERGE_GAP + 1
+                if ni >= rings or (nj >= columns and not turn):
+                    continue
+                other = labels[ni, nj % columns]
+                if other < 0 or other == one:
+                    continue
+                small, large = one, other
+                if sizes[small] > sizes[large]:
+                    small, large = other, one
+                for k in range(NEIGHBOURS):
+                    if beside[small, k] == large:
+                        break
+                    if beside[small, k] < 0:
+                        beside[small, k] = large
+                        break
+    own, theirs = np.zeros(len(vectors)), np.zeros(len(vectors))
+    for i in range(rings):
+        for j in range(columns):
+            label = labels[i, j]
+            if label < 0 or beside[label, 0] < 0:
+                continue
+            x, y, z = points[i, j, 0], points[i, j, 1], points[i, j, 2]
+            best = np.inf
+            for k in range(NEIGHBOURS):
+                if beside[label, k] >= 0:
+                    v = vectors[beside[label, k]]
+                    best = min(best, off_plane(v[0], v[1], v[2], x, y, z, noise))
+            v = vectors[label]
+            own[label] += min(off_plane(v[0], v[1], v[2], x, y, z, noise), 9.0) ** 2
+            theirs[label] += min(best, 9.0) ** 2
+    return (theirs < EXPLAINED * own) & (own > 0.0)
 
 
 @njit(cache=True)

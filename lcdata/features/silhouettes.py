@@ -181,7 +181,7 @@ def edge_points(
                 else:
                     di = 5 - 2 * direction
                 # The nearest return in this direction, or none in all of LOOK_PIXELS.
-                found, out, first_i, first_j = 0, False, 0, 0
+                found, out, first_i = 0, False, i
                 ni, nj = i, j
                 for step in range(1, LOOK_PIXELS + 1):
                     ni, nj = ni + di, nj + dj
@@ -194,7 +194,7 @@ def edge_points(
                         out = True
                         break
                     if step == 1:
-                        first_i, first_j = ni, nj
+                        first_i = ni
                     q = points[ni, nj]
                     if q[0] != 0.0 or q[1] != 0.0 or q[2] != 0.0:
                         found = step
@@ -212,7 +212,7 @@ def edge_points(
                     rq = np.sqrt(np.float64(q[0]) * q[0] + q[1] * q[1] + q[2] * q[2])
                     w0, w1, w2 = q[0] / rq, q[1] / rq, q[2] / rq
                     facing = a[0] * w0 + a[1] * w1 + a[2] * w2
-                    if facing <= 0.0 or rq < 1.0 / facing + farther:
+                    if facing <= 0.0 or rq < max(1.0 / facing, rp) + farther:
                         continue
                 else:
                     norm = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
