@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
 
 
 @contextmanager
-def write_atomically(path: Path) -> Iterator[Path]:
+def write_atomically(path: Path, *, sync_folder: bool = True) -> Iterator[Path]:
     """Write a file so that it is there in full or not at all.
 
         with write_atomically(folder / "table.csv") as temporary:
@@ -35,6 +35,8 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
     Args:
         path: The final name; a file that has it is replaced.
+        sync_folder: Force the name to the disk as well, not only the content. Who writes many
+            files may leave it to one `sync_folders` at the end, which halves the time.
 
     Yields:
         The temporary path to write to, in the same folder.
@@ -49,7 +51,8 @@ def write_atomically(path: Path) -> Iterator[Path]:
         yield temporary
         _force_to_disk(temporary)
         temporary.replace(path)
-        _force_to_disk(path.parent)
+        if sync_folder:
+            _force_to_disk(path.parent)
     except OSError as error:
         raise _explained(error, path, temporary) from error
     finally:
@@ -57,9 +60,12 @@ def write_atomically(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def write_bytes(path: Path, *chunks: bytes | memoryview) -> None:
+def write_bytes(path: Path, *chunks: bytes | memoryview, sync_folder: bool = True) -> None:
     """Write bytes atomically, chunk after chunk."""
-    with write_atomically(path) as temporary, temporary.open("wb", buffering=0) as file:
+    with (
+        write_atomically(path, sync_folder=sync_folder) as temporary,
+        temporary.open("wb", buffering=0) as file,
+    ):
         for chunk in chunks:
             view = memoryview(chunk).cast("B")
             while view:  # an unbuffered write may take a part only
@@ -77,6 +83,12 @@ def write_parquet(path: Path, table: Any) -> None:
 
     with write_atomically(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
+
+
+def sync_folders(folders: Iterable[Path]) -> None:
+    """Force the names in folders to the disk, each folder once."""
+    for folder in sorted(set(folders)):
+        _force_to_disk(folder)
 
 
 def remove_leftovers(folder: Path) -> None:

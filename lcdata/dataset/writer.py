@@ -65,6 +65,7 @@ def write_index(
     Returns:
         `info` as written.
     """
+    atomic.sync_folders((folder / pair.cloud).parent for pair in pairs)
     version = schema.groundtruth_version(poses)
     info = replace(info, groundtruth_version=version)
     poses = [replace(pose, groundtruth_version=version) for pose in poses]
@@ -80,7 +81,7 @@ def write_index(
 
 def _write(path: Path, *chunks: bytes | memoryview) -> str:
     """Write a file atomically; returns its sha256."""
-    atomic.write_bytes(path, *chunks)
+    atomic.write_bytes(path, *chunks, sync_folder=False)  # `write_index` does
     digest = hashlib.sha256()
     for chunk in chunks:
         digest.update(chunk)
