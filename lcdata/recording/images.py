@@ -62,8 +62,6 @@ def decode_raw(
     Raises:
         MessageError: Unknown encoding, or too few bytes.
     """
-    import cv2
-
     if encoding not in LAYOUTS:
         raise MessageError(
             f"image encoding {encoding!r} is unknown", f"known are {', '.join(LAYOUTS)}"
@@ -83,9 +81,18 @@ def decode_raw(
     pixels: NDArray[Any] = np.ndarray(shape, dtype, data, strides=strides)
     if not dtype.isnative:
         pixels = pixels.astype(dtype.newbyteorder("="))
-    if conversion:
-        pixels = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}"))
-    return pixels
+    return _converted(pixels, conversion) if conversion else pixels
+
+
+def _converted(pixels: NDArray[Any], conversion: str) -> NDArray[Any]:
+    import cv2
+
+    try:
+        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")))
+    except cv2.error as error:
+        raise MessageError(
+            f"image of shape {pixels.shape} cannot be converted ({conversion})"
+        ) from error
 
 
 def to_8_bit(pixels: NDArray[Any]) -> NDArray[np.uint8]:
@@ -126,23 +133,21 @@ def decode_compressed(data: Any, encoding: str) -> NDArray[np.uint8]:
     Raises:
         MessageError: Damaged, or another kind of file.
     """
-    import cv2
-
     suffix(data, encoding)
     pixels = _read(data, encoding)
     original = encoding.partition(";")[0].strip()
     if pixels.ndim == 2 and pixels.dtype == np.uint8 and original.startswith("bayer_"):
         _, _, conversion = LAYOUTS.get(original, ("", 0, ""))
-        if conversion:
-            pixels = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}"))
+        pixels = _converted(pixels, conversion) if conversion else pixels
     return to_8_bit(pixels)
 
 
 def _read(data: Any, what: str) -> NDArray[Any]:
     import cv2
 
+    content = np.frombuffer(data, np.uint8)
     # As it is: neither turned by an EXIF orientation nor stripped of 16 bits.
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
     if pixels is None:
         raise MessageError(
             f"image ({what}) of {memoryview(data).nbytes} bytes cannot be decoded", "it is damaged"

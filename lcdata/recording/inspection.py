@@ -67,7 +67,7 @@ def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | Non
         surveyed = survey(recording, topics)
         arm = None
     summary.topics = _topics(recording, topics, surveyed)
-    summary.clocks = _clocks(topics, surveyed) if recording.stamps == "header" else []
+    summary.clocks = clocks(topics, surveyed) if recording.stamps == "header" else []
     cloud, image = (_first(recording, name) for name in (topics.lidar, topics.image))
     if isinstance(cloud, Cloud):
         _look_at_cloud(summary, cloud, rig)
@@ -103,7 +103,7 @@ def _find_arm(
         if any(set(arm.joint_names) <= set(names) for names in published):
             summary.arm_model, summary.joint_names = urdf.stem, list(arm.joint_names)
             return arm
-    summary.joint_names = list(max(published, key=lambda names: len(names), default=()))
+    summary.joint_names = list(sorted(published, key=len)[-1]) if published else []
     return None
 
 
@@ -132,7 +132,8 @@ def _topics(
     return found
 
 
-def _clocks(topics: Topics, surveyed: Survey) -> list[ClockSummary]:
+def clocks(topics: Topics, surveyed: Survey) -> list[ClockSummary]:
+    """How far the sensors' clocks are from the recorder's."""
     first = {topics.lidar: surveyed.lidar_ns, topics.image: surveyed.image_ns}
     if topics.joint_states:
         first[topics.joint_states] = surveyed.joint_ns
@@ -237,7 +238,7 @@ def _plan(summary: Summary, surveyed: Survey, arm: Arm | None, rig: Rig | None) 
     if summary.ground_truth == "arm":
         dwells = find_dwells(surveyed.joint_ns, surveyed.positions, rules)
         if not dwells:
-            summary.obstacles.append(_no_dwell(surveyed, rules))
+            summary.obstacles.append(no_dwell(surveyed, rules))
     poses = plan_poses(summary.scenario, surveyed, dwells, tolerance_ms=pairing.tolerance_ms)
     starts = [s[0] for s in (surveyed.lidar_ns, surveyed.image_ns, surveyed.joint_ns) if len(s)]
     summary.poses = [_pose(pose, int(min(starts)), arm) for pose in poses]
@@ -246,7 +247,8 @@ def _plan(summary: Summary, surveyed: Survey, arm: Arm | None, rig: Rig | None) 
         summary.obstacles.append(f"no pair: {'; '.join(reasons)}")
 
 
-def _no_dwell(surveyed: Survey, rules: Any) -> str:
+def no_dwell(surveyed: Survey, rules: Any) -> str:
+    """Why the arm never stands still, with its slowest moment."""
     if not len(surveyed.joint_ns):
         return "no dwell: no joint states of the arm"
     seconds = (surveyed.joint_ns - surveyed.joint_ns[0]) * 1e-9

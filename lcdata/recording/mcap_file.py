@@ -21,7 +21,11 @@ from lcdata.recording.storage import (
 if TYPE_CHECKING:
     from mcap.records import ChunkIndex
 
-MESSAGE = 0x05
+MAGIC = b"\x89MCAP0\r\n"
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = range(2, 7)
+"""Kinds of records."""
+LONGEST_RECORD = 2**30
+"""A longer one is damage."""
 RECORD = struct.Struct("<BQ")
 """Kind and length in front of every record."""
 MESSAGE_HEADER = struct.Struct("<HIQQ")
@@ -109,25 +113,76 @@ class McapFile(ChunkedFile):
 
 def scan(path: Path) -> Iterator[tuple[TopicInfo, int, memoryview]]:
     """Topic (its count 0), stamp and bytes of messages, from the beginning as far as it goes."""
-    from mcap.records import Channel, Message, Schema
-    from mcap.stream_reader import StreamReader
-
     schemas: dict[int, str] = {}
     infos: dict[int, TopicInfo] = {}
     with path.open("rb") as file:
-        for record in StreamReader(file).records:
-            if isinstance(record, Schema):
-                schemas[record.id] = record.name
-            elif isinstance(record, Channel):
-                type_name = schemas.get(record.schema_id, "")
-                infos[record.id] = TopicInfo(record.topic, type_name, 0, record.message_encoding)
-            elif isinstance(record, Message):
-                yield infos[record.channel_id], record.log_time, plain(record.data)
+        if (magic := file.read(len(MAGIC))) != MAGIC:
+            raise ValueError(f"it begins with {magic!r}, not {MAGIC!r}")
+        while True:
+            head = _exactly(file, RECORD.size)
+            kind, length = RECORD.unpack(head)
+            if kind == FOOTER:
+                return
+            if length > LONGEST_RECORD:
+                raise ValueError(f"it has a record of {length} bytes")
+            body = file.read(length)
+            data = _chunk_data(body) if kind == CHUNK else head + body
+            yield from _scan_records(memoryview(data), schemas, infos)
+            if len(body) < length:
+                raise EOFError(RAN_OUT)
+
+
+def _scan_records(
+    view: memoryview, schemas: dict[int, str], infos: dict[int, TopicInfo]
+) -> Iterator[tuple[TopicInfo, int, memoryview]]:
+    """Messages of records; schemas and channels are noted. The last record may be cut off."""
+    position = 0
+    while position + RECORD.size <= len(view):
+        kind, length = RECORD.unpack_from(view, position)
+        body = view[position + RECORD.size : position + RECORD.size + length]
+        position += RECORD.size + length
+        if position > len(view):
+            return
+        if kind == SCHEMA:
+            schemas[_u16(body)] = _strings(body[2:], 1)[0]
+        elif kind == CHANNEL:
+            topic, encoding = _strings(body[4:], 2)
+            infos[_u16(body)] = TopicInfo(topic, schemas.get(_u16(body[2:]), ""), 0, encoding)
+        elif kind == MESSAGE:
+            channel, _, stamp, _ = MESSAGE_HEADER.unpack_from(body)
+            yield infos[channel], stamp, plain(body[MESSAGE_HEADER.size :])
+
+
+def _chunk_data(body: bytes) -> bytes:
+    """Uncompressed records of a chunk, as many as are there."""
+    import lz4.frame  # type: ignore[import-untyped]
+    import zstandard
+
+    (compression,) = _strings(memoryview(body)[28:], 1)
+    data = body[28 + 4 + len(compression) + 8 :]
+    if compression == "zstd":
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    if compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data))
+    return _decompress(compression, data, -1, len(data))
+
+
+def _strings(data: memoryview, count: int) -> list[str]:
+    found, position = [], 0
+    for _ in range(count):
+        (size,) = struct.unpack_from("<I", data, position)
+        found.append(bytes(data[position + 4 : position + 4 + size]).decode())
+        position += 4 + size
+    return found
+
+
+def _u16(data: memoryview) -> int:
+    return int(struct.unpack_from("<H", data)[0])
 
 
 def _decompress(compression: str, data: bytes, size: int, whole: int) -> bytes:
     """The first `size` bytes of the `whole` chunk."""
-    import lz4.frame  # type: ignore[import-untyped]
+    import lz4.frame
     import zstandard
 
     if compression == "zstd":

@@ -21,6 +21,9 @@ MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))
 """Kinds of records."""
 
+LONGEST_RECORD = 2**30
+"""A longer one is damage."""
+
 Header = dict[bytes, bytes]
 
 
@@ -119,7 +122,8 @@ def scan(path: Path) -> Iterator[tuple[TopicInfo, int, memoryview]]:
         check_magic(file)
         while prefix := file.read(4):
             header = parse_header(read_exactly(file, _u32(prefix)))
-            size = read_u32(file)
+            if (size := read_u32(file)) > LONGEST_RECORD:
+                raise ValueError(f"it has a record of {size} bytes")
             data = file.read(size)
             if header[b"op"] == CHUNK:
                 chunk = memoryview(decompress(header[b"compression"], data))
