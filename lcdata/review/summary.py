@@ -39,10 +39,8 @@ def summary(dataset: Dataset, trials: Trials) -> str:
     parts = [f"# {dataset.path.resolve().name}", _about(dataset)]
     if trials.methods:
         parts += [_protocol(trials), _table(trials), _failures(dataset.pairs, trials)]
-    elif trials.run or not trials.other_runs:
-        parts.append("No results yet: `lcdata calibrate` makes them. Shown is the ground truth.")
     else:
-        parts.append(f"No such run. Stored are: {', '.join(trials.other_runs)}.")
+        parts.append("No results yet: `lcdata calibrate` makes them. Shown is the ground truth.")
     if dataset.info.failures:
         lines = "\n".join(f"- {failure}" for failure in dataset.info.failures)
         parts.append(f"## Left out by the build\n\n{lines}")

@@ -31,7 +31,7 @@ def open_viewer(path: Path) -> None:
             f"{path} cannot be shown: this machine has no display",
             "use --serve to show it in a browser, or open the file elsewhere with `rerun FILE`",
         )
-    _run([str(_existing(path))])
+    _run([viewer_command(), str(_existing(path))])
 
 
 def serve(path: Path, *, port: int = WEB_PORT, open_browser: bool = True) -> None:
@@ -49,14 +49,14 @@ def serve(path: Path, *, port: int = WEB_PORT, open_browser: bool = True) -> Non
     web, grpc = _free_port(port), _free_port(GRPC_PORT)
     source = f"rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{grpc}%2Fproxy"
     print(f"http://{LOCAL}:{web}/?url={source}", flush=True)
-    _run(
-        [
-            str(path),
-            *("--web-viewer" if open_browser else "--serve-web",),
-            *("--bind", LOCAL, "--port", str(grpc), "--web-viewer-port", str(web)),
-            *("--server-memory-limit", SERVER_MEMORY),
-        ]
-    )
+    _run(serve_command(path, web=web, grpc=grpc, open_browser=open_browser))
+
+
+def serve_command(path: Path, *, web: int, grpc: int, open_browser: bool) -> list[str]:
+    """Command that serves a review on two ports of this machine, and to no other machine."""
+    ports = ["--bind", LOCAL, "--port", str(grpc), "--web-viewer-port", str(web)]
+    show = "--web-viewer" if open_browser else "--serve-web"
+    return [viewer_command(), str(path), show, *ports, "--server-memory-limit", SERVER_MEMORY]
 
 
 def viewer_command() -> str:
@@ -72,8 +72,8 @@ def viewer_command() -> str:
     return found
 
 
-def _run(arguments: Sequence[str]) -> None:
-    process = subprocess.Popen([viewer_command(), *arguments])
+def _run(command: Sequence[str]) -> None:
+    process = subprocess.Popen(command)
     try:
         code = process.wait()
     except KeyboardInterrupt:  # the way to end it

@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcdata.geometry import se3
+from lcdata.geometry.camera import Camera
+from lcdata.review import colours
+from lcdata.review.overlay import clip_segments, project_cloud, project_segments
+from lcdata.review.pairs import frustum
+
+CAMERA = Camera("pinhole", 100, 80, (60.0, 60.0, 50.0, 40.0))
+
+
+def test_a_segment_that_reaches_behind_the_camera_is_cut_in_front_of_it():
+    segment = np.array([[[0.0, 0.0, 4.0], [0.3, 0.0, -1.0]]])
+    ((start, end),) = project_segments(CAMERA, np.eye(4), segment)
+    np.testing.assert_allclose(start, [50, 40])
+    assert end[0] == pytest.approx(99)  # it leaves the image before it reaches the camera
+    assert end[1] == pytest.approx(40)
+
+
+def test_a_segment_behind_the_camera_is_left_out():
+    segment = np.array([[[0.0, 0.0, -4.0], [0.3, 0.0, -1.0]]])
+    assert project_segments(CAMERA, np.eye(4), segment).shape == (0, 2, 2)
+
+
+coordinate = st.floats(-300, 300)
+
+
+@given(st.tuples(coordinate, coordinate, coordinate, coordinate))
+def test_clipped_segments_are_the_part_of_the_line_that_is_inside(values):
+    segment = np.array(values).reshape(1, 2, 2)
+    clipped = clip_segments(segment, (100, 80))
+    share = np.linspace(0, 1, 2001)[:, None]
+    samples = segment[0, 0] + share * (segment[0, 1] - segment[0, 0])
+    inside = samples[((samples >= 0) & (samples <= [99, 79])).all(axis=1)]
+    if len(clipped) == 0:
+        assert len(inside) <= 2
+        return
+    assert (clipped > -1e-6).all()
+    assert (clipped < np.array([99, 79]) + 1e-6).all()
+    if len(inside) > 2:
+        step = np.linalg.norm(segment[0, 1] - segment[0, 0]) / 2000 + 1e-6
+        np.testing.assert_allclose(clipped[0], [inside[0], inside[-1]], atol=2 * step)
+
+
+def test_a_full_cloud_is_thinned_evenly():
+    points = np.column_stack([np.linspace(-2, 2, 900), np.zeros(900), np.full(900, 5.0)])
+    pixels, depths = project_cloud(CAMERA, np.eye(4), points, 50)
+    assert len(pixels) == len(depths) == 50
+    assert np.ptp(np.diff(pixels[:, 0])) < 0.2
+    np.testing.assert_array_equal(depths, 5.0)
+
+
+def test_frustum_corners_project_to_the_image_corners():
+    T = se3.exp([0.1, -0.2, 0.3, 0.2, 0.1, -0.3])
+    outline, *_ = frustum(CAMERA, T, 0.7)
+    in_camera = se3.apply(T, outline)
+    np.testing.assert_allclose(in_camera[:, 2], 0.7)
+    pixels = in_camera[:4, :2] / 0.7 * 60 + [50, 40]
+    np.testing.assert_allclose(pixels, [[-0.5, -0.5], [99.5, -0.5], [99.5, 79.5], [-0.5, 79.5]])
+
+
+def test_near_is_red_and_far_is_blue():
+    near, far = colours.by_depth(np.array([1.0, 50.0]), (1.0, 50.0))
+    red, _, blue = ((int(near) >> shift) & 255 for shift in (24, 16, 8))
+    assert red > 2 * blue
+    red, _, blue = ((int(far) >> shift) & 255 for shift in (24, 16, 8))
+    assert blue > 2 * red
+
+
+def test_a_cloud_without_a_finite_intensity_has_one_colour():
+    assert len(set(colours.by_intensity(np.full(4, np.nan)).tolist())) == 1
+    assert colours.by_intensity(np.zeros(0)).shape == (0,)
+
+
+def test_methods_have_colours_of_their_own():
+    six = [f"m{i}" for i in range(6)]
+    assert len(set(colours.of_sources(six).values())) == 8

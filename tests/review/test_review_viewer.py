@@ -1,0 +1,92 @@
+"""What the viewer itself says about a review."""
+
+from __future__ import annotations
+
+import socket
+import time
+import urllib.request
+from subprocess import Popen
+
+import pytest
+from box_room import add_results, make
+
+from lcdata.review import save_review
+from lcdata.review.viewer import serve_command, viewer_command
+
+NO_DRIVER = "No graphics adapter was found"
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_until(condition, seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "the viewer did not get there in time"
+        time.sleep(0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["arm", "static", "no results"])
+def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
+    from rerun.experimental import ViewerClient
+
+    dataset = make(tmp_path / "set", arm=kind != "static", pairs=1)
+    if kind != "no results":
+        add_results(dataset)
+    path = save_review(dataset, tmp_path / "review.rrd")
+    client = ViewerClient.spawn(
+        headless=True,
+        port=free_port(),
+        hide_welcome_screen=True,
+        executable_path=viewer_command(),
+    )
+    with client as viewer:
+        try:
+            viewer.open(f"file://{path}")
+        except ConnectionError:
+            if NO_DRIVER in capfd.readouterr().err:
+                pytest.skip("no graphics driver (apt-get install mesa-vulkan-drivers)")
+            raise
+        wait_until(lambda: not viewer.get_state().loading)
+        for number, record in enumerate(dataset.pairs):
+            viewer.set_time("pair", sequence=number, play_state="paused")
+            assert viewer.take_screenshot()[:4] == b"\x89PNG"
+            check(viewer.get_state(), number)
+            viewer.set_time("stamp", timestamp=record.stamp_lidar_ns * 1e-9, play_state="paused")
+            viewer.take_screenshot()
+            check(viewer.get_state(), number)
+
+
+def check(state, number: int) -> None:
+    complaints = {view.name: view.reports for view in state.views if view.reports}
+    assert not complaints, f"pair {number}: {complaints}"
+    classes = {view.view_class for view in state.views}
+    assert {"3D", "2D", "TextDocument"} <= classes
+    assert "ground truth" in {view.name for view in state.views}
+
+
+@pytest.mark.slow
+def test_a_browser_can_fetch_viewer_and_recording(tmp_path):
+    dataset = make(tmp_path / "set", arm=False, pairs=1)
+    path = save_review(dataset, tmp_path / "review.rrd")
+    web, grpc = free_port(), free_port()
+    process = Popen(serve_command(path, web=web, grpc=grpc, open_browser=False))
+    try:
+
+        def answers() -> bool:
+            try:
+                with urllib.request.urlopen(f"http://127.0.0.1:{web}/", timeout=5) as page:
+                    return b"rerun" in page.read().lower()
+            except OSError:
+                return False
+
+        wait_until(answers)
+        with socket.create_connection(("127.0.0.1", grpc), timeout=5):
+            pass
+    finally:
+        process.terminate()
+        process.wait(10)
