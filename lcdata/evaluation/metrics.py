@@ -19,6 +19,10 @@ SUCCESS_ROTATION_DEG = 0.5
 SUCCESS_TRANSLATION_M = 0.1
 """A trial succeeds if both its errors are below these."""
 
+EXPLAINED_SIGMA = 3.55
+"""95 % of exactly right estimates are nearer to the ground truth than this: the square root of
+the chi-squared distribution's quantile with 6 degrees of freedom."""
+
 ALL_SCENARIOS = "all"
 """What the summary over every scenario is called."""
 
@@ -103,7 +107,9 @@ class Summary:
         failed: Trials that gave no estimate: an error was raised or the process died.
         successes: Trials below 0.5 deg and 0.1 m.
         converged: Trials whose method calls its estimate usable.
-        misled: Converged trials that are no success: errors without a warning.
+        misled: Converged trials that are no success, by more than the ground truth's own
+            uncertainty explains: errors without a warning.
+        explained: Trials that the ground truth cannot tell from exactly right ones.
         degenerate: Trials whose method says that the data do not determine the extrinsic.
         rotation_deg: Quartiles of the rotation error.
         translation_m: Quartiles of the translation error.
@@ -120,12 +126,19 @@ class Summary:
     successes: int
     converged: int
     misled: int
+    explained: int
     degenerate: int
     rotation_deg: Quartiles
     translation_m: Quartiles
     sigma_distance: float
     seconds: float
     groundtruth: Sigma
+
+    @property
+    def explained_rate(self) -> float:
+        """Share of all trials that may be exactly right; NaN where that cannot be known."""
+        unknown = math.isnan(self.groundtruth.rotation_deg) or not self.trials
+        return math.nan if unknown else self.explained / self.trials
 
     @property
     def success_rate(self) -> float:
@@ -162,7 +175,8 @@ def _summarise(run: str, scenario: str, method: str, trials: Sequence[TrialResul
         failed=sum(t.failed for t in trials),
         successes=sum(t.success for t in trials),
         converged=sum(t.converged for t in trials),
-        misled=sum(t.converged and not t.success for t in trials),
+        misled=sum(t.converged and not (t.success or is_explained(t)) for t in trials),
+        explained=sum(is_explained(t) for t in trials),
         degenerate=sum(t.degenerate for t in trials),
         rotation_deg=quartiles(t.rotation_error_deg for t in trials),
         translation_m=quartiles(t.translation_error_m for t in trials),
@@ -178,6 +192,11 @@ def _summarise(run: str, scenario: str, method: str, trials: Sequence[TrialResul
 def _rms(values: Sequence[float]) -> float:
     """Root mean square; NaN if any value is unknown."""
     return float(np.sqrt(np.mean(np.square(values)))) if values else math.nan
+
+
+def is_explained(trial: TrialResult) -> bool:
+    """Whether the ground truth's own uncertainty explains an error; never where it is unknown."""
+    return trial.sigma_distance <= EXPLAINED_SIGMA
 
 
 def indistinguishable(a: float, b: float, sigma: float) -> bool:

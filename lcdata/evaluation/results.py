@@ -167,7 +167,9 @@ class Results:
     def to_dict(self) -> dict[str, Any]:
         """Summaries and failures as plain values."""
         summaries = [
-            dataclasses.asdict(s) | {"success_rate": s.success_rate} for s in self.summaries
+            dataclasses.asdict(s)
+            | {"success_rate": s.success_rate, "explained_rate": s.explained_rate}
+            for s in self.summaries
         ]
         for summary in summaries:
             for name in ("rotation_deg", "translation_m", "groundtruth"):

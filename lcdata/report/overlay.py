@@ -11,6 +11,9 @@ from lcdata.pair import Pair
 Image = NDArray[np.uint8]
 
 DEPTH_PERCENTILES = (2, 98)
+TURBO_ENDS = (18, 240)
+"""The scale's ends are left out: they are too dark to be seen."""
+
 IMAGE_BRIGHTNESS = 0.72
 """The image is drawn in dimmed grey, so that colour means depth and nothing else."""
 
@@ -53,12 +56,14 @@ def draw_overlay(
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     grey = cv2.resize(grey, size, interpolation=method)
     picture = cv2.cvtColor((grey * IMAGE_BRIGHTNESS).astype(np.uint8), cv2.COLOR_GRAY2RGB)
+    if not distances.size:
+        return np.asarray(picture)
 
     order = np.argsort(-distances)  # near points are drawn last, over far ones
     columns, rows = np.round((pixels[order] + 0.5) * scale - 0.5).astype(int).T
     with np.errstate(divide="ignore"):
         shade = 1 - np.log(distances[order] / near) / np.log(far / near)
-    shades = np.clip(shade * 255, 0, 255).astype(np.uint8)
+    shades = (TURBO_ENDS[0] + np.clip(shade, 0, 1) * np.ptp(TURBO_ENDS)).astype(np.uint8)
     colours = cv2.applyColorMap(shades[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
     for dx, dy in _dot(len(order), size):
         x, y = np.clip(columns + dx, 0, size[0] - 1), np.clip(rows + dy, 0, size[1] - 1)

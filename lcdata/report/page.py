@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from lcdata.evaluation.metrics import ALL_SCENARIOS, Quartiles, Summary
+from lcdata.evaluation.metrics import ALL_SCENARIOS, Quartiles, Summary, is_explained
 from lcdata.evaluation.results import TrialResult
 from lcdata.evaluation.text import MISSING, not_ranked, number, verdicts
 from lcdata.report import words
@@ -21,12 +21,12 @@ COLUMNS = (
     "Method",
     "Trials",
     "Success",
+    "Explained",
     "Rotation",
     "Translation",
     "Sigma distance",
     "Converged",
     "Degenerate",
-    "Failed",
     "Seconds",
 )
 
@@ -72,7 +72,8 @@ def page(name: str, kind: str, description: str, sections: Sequence[Section], no
         notice: What a reader must know first, stale results say; empty for nothing.
     """
     first = sections[0]
-    warning = f'<p class="warning">{escape(notice)}</p>' if notice else ""
+    notices = [notice, words.blunt_truth(_scenarios(first))]
+    warning = "".join(f'<p class="warning">{escape(text)}</p>' for text in notices if text)
     body = "".join(_section(section) for section in sections)
     return f"""<!doctype html>
 <html lang="en">
@@ -135,7 +136,10 @@ def _dot(section: Section, method: str) -> str:
 def _card(section: Section, row: Summary) -> str:
     sigma = "no ground-truth uncertainty known"
     if math.isfinite(row.sigma_distance):
-        sigma = f"{row.sigma_distance:.1f} sigma of the ground truth"
+        sigma = (
+            f"{row.sigma_distance:.1f} sigma of the ground truth; "
+            f"{percent(row.explained_rate)} may be exact"
+        )
     failed = f', <em class="bad">{row.failed} failed</em>' if row.failed else ""
     return (
         f'<div class="card"><span class="name">{_dot(section, row.method)}{escape(row.method)}'
@@ -166,17 +170,17 @@ def _table(section: Section) -> str:
 
 
 def _table_row(section: Section, row: Summary, rows: Sequence[Summary]) -> str:
-    failed = f'<span class="bad">{row.failed}</span>' if row.failed else "0"
+    failed = f' <small class="bad">{row.failed} failed</small>' if row.failed else ""
     cells = [
         f"{_dot(section, row.method)}{escape(row.method)}",
-        str(row.trials),
+        f"{row.trials}{failed}",
         percent(row.success_rate),
+        percent(row.explained_rate),
         _error(row, rows, "rotation_deg", "°"),
         _error(row, rows, "translation_m", " m"),
         number(row.sigma_distance, 1),
         converged_text(row),
         str(row.degenerate),
-        failed,
         number(row.seconds, 2),
     ]
     return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
@@ -234,7 +238,11 @@ def _exhibit(exhibit: Exhibit) -> str:
         )
         if is_so
     )
-    verdict = '<span class="good">success</span>' if t.success else '<span class="bad">miss</span>'
+    verdict = '<span class="bad">miss</span>'
+    if t.success:
+        verdict = '<span class="good">success</span>'
+    elif is_explained(t):
+        verdict = "no success, but the ground truth's own uncertainty explains it"
     sigma = f", {t.sigma_distance:.1f} sigma" if math.isfinite(t.sigma_distance) else ""
     errors = f"{number(t.rotation_error_deg, 3)}° and {number(t.translation_error_m, 3)} m{sigma}"
     captions = {

@@ -182,8 +182,10 @@ def _limits(trials: Sequence[TrialResult], quantity: Quantity) -> tuple[float, f
     errors = np.array([getattr(t, quantity.error) for t in trials], float)
     sigmas = np.array([getattr(t, quantity.sigma) for t in trials], float)
     values = [v for v in (*errors, *sigmas, quantity.limit) if 0 < v < math.inf]
-    usual = [v for v in (float(np.nanpercentile(errors, 2)), *sigmas) if 0 < v < math.inf]
-    return min([*usual, quantity.limit]), max(values)
+    made = errors[errors > 0]
+    low = [float(np.percentile(made, 2))] if made.size else []  # not down to the luckiest trial
+    low += [v for v in sigmas if v > 0]
+    return min([*low, quantity.limit]), max(values)
 
 
 def _label_ticks(axes: Axes) -> None:

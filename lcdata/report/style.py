@@ -34,7 +34,8 @@ details { margin: 28px 0 0; }
 summary { cursor: pointer; font-weight: 620; }
 .kind { font-size: 13px; font-weight: 600; letter-spacing: .08em; text-transform: uppercase;
   color: var(--muted); }
-.warning { border-left: 3px solid var(--bad); padding: 8px 16px; background: var(--wash); }
+.warning { border-left: 3px solid var(--bad); padding: 10px 18px; margin: 18px 0;
+  background: var(--wash); }
 .cards { display: flex; flex-wrap: wrap; gap: 16px; margin: 24px 0 8px; }
 .card { flex: 1 1 240px; padding: 18px 22px; border: 1px solid var(--line); border-radius: 10px; }
 .card b { display: block; font-size: 34px; font-weight: 620; letter-spacing: -.02em;
@@ -58,8 +59,8 @@ tr.scenario td span { font-weight: 400; color: var(--muted); margin-left: .8em; 
 td small { color: var(--muted); font-size: 12.5px; }
 td .best { font-weight: 680; }
 abbr { text-decoration: none; cursor: help; color: var(--muted); }
-.bad { color: var(--bad); } .good { color: var(--good); }
-ul { padding-left: 1.2em; margin: 8px 0; } li { margin: 3px 0; max-width: 100ch; }
+.bad, td small.bad { color: var(--bad); } .good { color: var(--good); }
+ul { padding-left: 1.2em; margin: 8px 0; } li { margin: 3px 0; }
 .plot img { width: 100%; height: auto; display: block; margin-top: 12px; }
 figure { margin: 0; }
 .row { display: grid; grid-template-columns: repeat(3, 1fr); gap: 10px; margin: 4px 0 26px; }

@@ -161,3 +161,22 @@ def test_runs_are_not_mixed() -> None:
     first = trial("a", 0.1, 0.02)
     rows = metrics.summarise([first, dataclasses.replace(first, run="q", rotation_error_deg=3.0)])
     assert [(r.run, r.rotation_deg.median) for r in rows] == [("q", 3.0), ("r", 0.1)]
+
+
+def test_what_the_ground_truth_explains_is_not_held_against_a_method() -> None:
+    from scipy.stats import chi
+
+    assert pytest.approx(chi(6).ppf(0.95), abs=0.005) == metrics.EXPLAINED_SIGMA
+    converged = {"converged": True}
+    trials = [
+        trial("a", 0.6, 0.02, sigma_distance=2.0, **converged),  # no success, explained
+        trial("a", 0.6, 0.02, sigma_distance=9.0, **converged),  # a wrong one without a warning
+        trial("a", 0.6, 0.02, sigma_distance=9.0),  # with a warning
+        trial("a", 0.1, 0.02, sigma_distance=9.0, **converged),  # a success, not exact
+        trial("a", math.nan, math.nan, sigma_distance=math.nan),
+    ]
+    (row,) = metrics.summarise(trials)
+    assert (row.successes, row.explained, row.converged, row.misled) == (1, 1, 3, 1)
+    assert row.explained_rate == 0.2
+    unknown = trial("a", 0.1, 0.02, groundtruth_rotation_sigma_deg=math.nan)
+    assert math.isnan(metrics.summarise([unknown])[0].explained_rate)
