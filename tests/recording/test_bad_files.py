@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
@@ -121,8 +122,10 @@ def test_a_checksum_finds_a_damaged_chunk(tmp_path: Path, compression: Compressi
             writer.add_message(joints, START + i, data, START)
         writer.finish()
     everything, _ = read(path)
+    with path.open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[1]
     content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 0x5A
+    content[chunk.chunk_start_offset + 2 * chunk.chunk_length // 3] ^= 0x5A
     path.write_bytes(content)
     found, problems = read(path)
     assert 80 < len(found) < len(everything) == 100
