@@ -1,6 +1,4 @@
-"""Recordings to a data set: the main path, in the order of the method.
-
-    recordings -> topics -> stamps and joints -> dwells -> pairs -> ground truth -> files
+"""Recordings to a data set: find them, package each, write the index.
 
 Each recording is read twice: once for all stamps and joint positions, once for the clouds and
 images that were chosen, so neither its length nor its order of messages costs memory.
@@ -8,34 +6,21 @@ images that were chosen, so neither its length nor its order of messages costs m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-import numpy as np
-
-from lcdata.arm import Arm
 from lcdata.dataset import schema
 from lcdata.dataset.journal import NAME, Journal
-from lcdata.dataset.packing import write_pairs
+from lcdata.dataset.package import Part, Progress, package
 from lcdata.dataset.reader import Dataset, read_info
-from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord, Scenario
+from lcdata.dataset.schema import DatasetInfo
 from lcdata.dataset.sources import check_names, describe_arm, describe_source, find_rig
 from lcdata.dataset.writer import write_index
-from lcdata.errors import ArmError, DatasetError, GeometryError, LcdataError, RecordingError
-from lcdata.geometry.camera import Camera
-from lcdata.groundtruth.chain import PoseTruth, arm_truth, static_truth
-from lcdata.recording.dwells import Dwell, find_dwells
-from lcdata.recording.plan import PosePlan, plan_poses
-from lcdata.recording.source import Recording, find_recordings, open_recording
-from lcdata.recording.survey import Survey, survey
-from lcdata.recording.topics import Topics, choose_topics
-from lcdata.recording.transforms import static_extrinsic
-from lcdata.rig import Rig, load_rig
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is, and of how much."""
+from lcdata.errors import DatasetError, LcdataError
+from lcdata.recording.source import find_recordings, open_recording
+from lcdata.rig import load_rig
 
 RESERVED = (schema.RESULTS, schema.REPORT, schema.REVIEW, NAME)
 
@@ -49,22 +34,21 @@ class BuildSummary:
         pairs: Number of its pairs.
         poses: Number of its arm poses.
         failures: Recordings, poses and pairs that could not be used, a line each.
+        warnings: What else a user should know, a line each.
     """
 
     dataset: Dataset
     pairs: int
     poses: int
     failures: list[str]
+    warnings: list[str]
 
-
-@dataclass
-class _Part:
-    """What one recording gives."""
-
-    scenario: Scenario
-    poses: list[PoseRecord]
-    pairs: list[PairRecord]
-    failures: list[str] = field(default_factory=list)
+    @classmethod
+    def of(cls, dataset: Dataset) -> Self:
+        """Summary of a complete data set."""
+        warnings = [w for scenario in dataset.info.scenarios.values() for w in scenario.warnings]
+        failures = list(dataset.info.failures)
+        return cls(dataset, len(dataset.pairs), len(dataset.poses), failures, warnings)
 
 
 def build(
@@ -107,13 +91,13 @@ def build(
     if not force and (complete := _already_built(out, what)):
         return complete
     with Journal.open(out, what, force=force) as journal:
-        parts: dict[str, _Part] = {}
+        parts: dict[str, Part] = {}
         failures: list[str] = []
         errors: list[LcdataError] = []
         for path in paths:
             try:
                 with open_recording(path, used.stamps) as recording:
-                    part = _package(
+                    part = package(
                         recording,
                         used,
                         arm,
@@ -145,127 +129,7 @@ def build(
         )
         write_index(out, info, pairs, poses)
         journal.close_build()
-    return BuildSummary(Dataset.open(out), len(pairs), len(poses), failures)
-
-
-def _package(
-    recording: Recording,
-    rig: Rig,
-    arm: Arm | None,
-    *,
-    journal: Journal,
-    pairs_per_pose: int | None,
-    progress: Progress | None,
-) -> _Part:
-    """One recording into the data set."""
-    topics = choose_topics(recording, rig)
-    surveyed = survey(recording, topics, arm)
-    camera = _camera(recording, rig, topics, surveyed)
-    dwells = find_dwells(surveyed.joint_ns, surveyed.positions, rig.dwells) if arm else None
-    plans = plan_poses(
-        recording.scenario,
-        surveyed,
-        dwells,
-        tolerance_ms=rig.pairing.tolerance_ms,
-        pairs_per_pose=pairs_per_pose,
-    )
-    if not any(len(plan.lidar_ns) for plan in plans):
-        raise RecordingError(f"{recording.path}: {_no_pairs(plans, rig)}", _remedy(plans))
-    lidar_frame, camera_frame = (_frame(recording, name) for name in (topics.lidar, topics.image))
-    failures = [f"{recording.path}: {p.pose_id}: {p.reason}" for p in plans if p.reason]
-    poses: list[PoseRecord] = []
-    extrinsic = None
-    if arm is None and rig.T_camera_lidar is None:
-        extrinsic = static_extrinsic(recording, camera_frame, lidar_frame)
-    for plan in plans:
-        try:
-            if arm is None:
-                truth = static_truth(rig, extrinsic)
-            else:
-                truth = _arm_truth(rig, arm, plan.dwell)
-        except ArmError as error:
-            failures.append(f"{recording.path}: {plan.pose_id}: {error}")
-            continue
-        poses.append(_pose_record(recording.scenario, plan, truth))
-    known = {pose.pose_id for pose in poses}
-    plans = [plan for plan in plans if plan.pose_id in known]
-    pairs, unusable = write_pairs(
-        recording, topics, plans, camera=camera, journal=journal, progress=progress
-    )
-    return _Part(
-        Scenario(
-            camera=camera,
-            topics={role: getattr(topics, role) for role in Topics.__dataclass_fields__},
-            lidar_frame=lidar_frame,
-            camera_frame=camera_frame,
-        ),
-        poses,
-        pairs,
-        [*recording.problems, *failures, *unusable],
-    )
-
-
-def _camera(recording: Recording, rig: Rig, topics: Topics, surveyed: Survey) -> Camera:
-    """The rig's camera, else the one of CameraInfo."""
-    if given := rig.camera_model():
-        return given
-    if surveyed.camera_info is None:
-        raise RecordingError(
-            f"{recording.path}: topic {topics.camera_info} has no message that can be read",
-            "give the camera in the rig",
-        )
-    try:
-        return surveyed.camera_info.camera()
-    except GeometryError as error:
-        raise RecordingError(
-            f"{recording.path}: topic {topics.camera_info}: {error.message}",
-            "give the camera in the rig",
-        ) from error
-
-
-def _frame(recording: Recording, topic: str) -> str:
-    """Frame of a topic's messages; empty if none can be read."""
-    return next((message.frame_id for _, message in recording.messages([topic])), "")
-
-
-def _arm_truth(rig: Rig, arm: Arm, dwell: Dwell | None) -> PoseTruth:
-    assert dwell is not None
-    return arm_truth(rig, arm, dwell.positions_mean, dwell.positions_std, dwell.samples)
-
-
-def _pose_record(scenario: str, plan: PosePlan, truth: PoseTruth) -> PoseRecord:
-    dwell = plan.dwell
-    return PoseRecord(
-        pose_id=plan.pose_id,
-        scenario=scenario,
-        start_ns=plan.start_ns,
-        end_ns=plan.end_ns,
-        joint_positions=dwell.positions_mean if dwell else np.empty(0),
-        joint_positions_std=dwell.positions_std if dwell else np.empty(0),
-        samples=dwell.samples if dwell else 0,
-        T_camera_lidar=truth.T_camera_lidar,
-        covariance=truth.covariance,
-        T_camera_effector=truth.T_camera_effector,
-        T_effector_base=truth.T_effector_base,
-        T_base_lidar=truth.T_base_lidar,
-    )
-
-
-def _no_pairs(plans: Sequence[PosePlan], rig: Rig) -> str:
-    if plans:
-        reasons = dict.fromkeys(plan.reason for plan in plans)
-        return f"no pair at {len(plans)} poses: {'; '.join(reasons)}"
-    if rig.ground_truth == "static":
-        return "no scan and no image"
-    return (
-        f"no dwell: the joints never stay below {rig.dwells.max_velocity_deg_s:g} deg/s for "
-        f"{rig.dwells.settle_s + rig.dwells.min_duration_s:g} s"
-    )
-
-
-def _remedy(plans: Sequence[PosePlan]) -> str:
-    key = "pairing.tolerance_ms or stamps" if plans else "dwells"
-    return f"`lcdata info` shows clocks, rates and dwells; set {key} in the rig"
+    return BuildSummary.of(Dataset.open(out))
 
 
 def _already_built(out: Path, what: dict[str, Any]) -> BuildSummary | None:
@@ -284,7 +148,7 @@ def _already_built(out: Path, what: dict[str, Any]) -> BuildSummary | None:
             f"{out}: {len(missing)} files are missing, among them {missing[0]}",
             "build it again with --force",
         )
-    return BuildSummary(dataset, len(dataset.pairs), len(dataset.poses), list(info.failures))
+    return BuildSummary.of(dataset)
 
 
 def _nothing(

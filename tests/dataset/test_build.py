@@ -184,6 +184,23 @@ def test_one_bad_pair_costs_one_pair(tmp_path: Path, stream: Any, words: str) ->
     assert validate(tmp_path / "out") == []
 
 
+def test_what_a_user_should_know_is_kept(tmp_path: Path) -> None:
+    def plain(topic: str, number: int, message: Any) -> Any:
+        if topic == "/points":
+            for field in message.fields:
+                field.name = {"intensity": "a", "reflectivity": "b"}.get(field.name, field.name)
+        message.header.stamp.sec -= 1_600_000_000
+        return message
+
+    source = runs.recordings(tmp_path / "in", run=runs.run(change=plain))
+    made = build(source, tmp_path / "out")
+    assert made.failures == []
+    assert any("no intensity" in warning for warning in made.warnings)
+    assert any("stamps: bag" in warning for warning in made.warnings)
+    assert next(iter(made.dataset)).intensity is None
+    assert build(source, tmp_path / "out").warnings == made.warnings
+
+
 def test_joints_outside_their_limits_cost_the_pose(tmp_path: Path) -> None:
     places = runs.goals(2)
     places[1, 0] = 3.0

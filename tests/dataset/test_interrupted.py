@@ -16,6 +16,8 @@ from lcdata.errors import DatasetError
 
 from . import runs
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
