@@ -77,10 +77,14 @@ def find_dwells(stamps_ns: Stamps, positions: Array, rules: DwellRules) -> list[
         positions: (N, n) radians.
         rules: Thresholds, `rig.dwells`.
     """
-    stamps, first = np.unique(np.asarray(stamps_ns, np.int64), return_index=True)
+    stamps, q = np.asarray(stamps_ns, np.int64), np.asarray(positions, float)
+    usable = np.flatnonzero(np.isfinite(q).all(axis=1))
+    stamps, first = np.unique(stamps[usable], return_index=True)
+    if not len(stamps):
+        return []
     # Continuous joints jump by a turn; no joint moves half a turn between two samples.
-    q = np.unwrap(np.asarray(positions, float).reshape(len(stamps_ns), -1)[first], axis=0)
-    seconds = (stamps - stamps[0]) * 1e-9 if len(stamps) else np.empty(0)
+    q = np.unwrap(q[usable][first], axis=0)
+    seconds = (stamps - stamps[0]) * 1e-9
     still = np.rad2deg(speed(seconds, q, rules.min_duration_s)) <= rules.max_velocity_deg_s
     dwells: list[Dwell] = []
     for begin, end in _runs(still, seconds):
@@ -106,12 +110,11 @@ def speed(seconds: Array, positions: Array, min_duration_s: float = np.inf) -> A
 
     Args:
         seconds: (N,) increasing.
-        positions: (N, n) radians.
+        positions: (N, n) radians, finite.
         min_duration_s: The window gets narrower where dwells may be shorter than it.
 
     Returns:
-        (N,) radians a second; infinite where there are too few samples to tell, NaN where
-        positions are NaN.
+        (N,) radians a second; infinite where there are too few samples to tell.
     """
     result = np.full(len(seconds), np.inf)
     for begin, end in _segments(seconds):

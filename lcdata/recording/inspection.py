@@ -251,9 +251,10 @@ def no_dwell(surveyed: Survey, rules: Any) -> str:
     """Why the arm never stands still, with its slowest moment."""
     if not len(surveyed.joint_ns):
         return "no dwell: no joint states of the arm"
-    seconds = (surveyed.joint_ns - surveyed.joint_ns[0]) * 1e-9
-    order = np.argsort(seconds, kind="stable")
-    slowest = np.rad2deg(np.nanmin(speed(seconds[order], surveyed.positions[order])))
+    finite = np.isfinite(surveyed.positions).all(axis=1)
+    stamps, first = np.unique(surveyed.joint_ns[finite], return_index=True)
+    speeds = speed(stamps * 1e-9 - stamps[:1] * 1e-9, surveyed.positions[finite][first])
+    slowest = np.rad2deg(np.min(speeds, initial=np.inf))
     return (
         f"no dwell: the joints never stay below {rules.max_velocity_deg_s:g} deg/s for "
         f"{rules.settle_s + rules.min_duration_s:g} s; the slowest moment is {slowest:.3g} deg/s "
