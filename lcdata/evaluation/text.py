@@ -25,7 +25,9 @@ def summary_lines(results: Results) -> list[str]:
     width = max(len(f"{s.scenario} {s.method}") for s in rows)
     lines = []
     for s in rows:
-        sigma = f", {s.sigma_distance:.1f} sigma" if math.isfinite(s.sigma_distance) else ""
+        sigma = ""
+        if math.isfinite(s.sigma_distance):
+            sigma = f", {s.sigma_distance:.1f} sigma ({s.explained} explained)"
         failed = f", {s.failed} failed" if s.failed else ""
         lines.append(
             f"{f'{s.scenario} {s.method}':<{width}}  {s.successes}/{s.trials} succeeded, median "

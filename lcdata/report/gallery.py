@@ -86,4 +86,7 @@ def _jpeg(picture: NDArray[np.uint8]) -> bytes:
     import cv2
 
     bgr = np.ascontiguousarray(picture[..., ::-1])
-    return bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    full_colour = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444  # dots of one pixel keep their colour
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, full_colour]
+    return bytes(cv2.imencode(".jpg", bgr, options)[1])

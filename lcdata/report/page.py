@@ -87,7 +87,7 @@ def page(name: str, kind: str, description: str, sections: Sequence[Section], no
 <main>
 <header>
 <div class="kind">{escape(kind)} · {escape(name)}</div>
-<h1>{escape(words.headline(first.overall))}</h1>
+<h1>{escape(words.headline(first.overall)).replace(" %", "&nbsp;%")}</h1>
 <p>{escape(description)} {escape(words.own_uncertainty(_scenarios(first)))}</p>
 {warning}
 </header>
