@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lcdata.features.compiled import compiled
 from lcdata.features.planes import Floats, Labels, Planes
 from lcdata.features.scan_grid import ScanGrid
 
@@ -68,20 +68,20 @@ def find_creases(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDArray[
     return segments, np.sqrt(variance / sine2), count
 
 
-@njit(cache=True)
+@compiled
 def off_line(p: Floats, other: Array, sine: float) -> float:
     """Distance of a point of one plane from the line in which it meets another, metres."""
     off = abs(other[0] * p[0] + other[1] * p[1] + other[2] * p[2] - 1.0)
     return off / (sine * np.sqrt(other[0] ** 2 + other[1] ** 2 + other[2] ** 2))
 
 
-@njit(cache=True)
+@compiled
 def spacing(p: Floats, r: float, a: Array, step: float) -> float:
     """Distance on a plane between beams that are an angle apart, metres."""
     return step * r * r * np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
 
 
-@njit(cache=True)
+@compiled
 def crossings(
     points: Floats, labels: Labels, inverse: Array, turn: bool, ring_step: float, noise: float
 ) -> tuple[Labels, Array]:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lcdata.features.compiled import compiled
 from lcdata.features.scan_grid import ScanGrid
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def find_planes(grid: ScanGrid) -> Planes:
     return Planes(labels, inverse, np.linalg.inv(matrices), noise)
 
 
-@njit(cache=True)
+@compiled
 def window_table(points: Floats, pad: int) -> Array:
     """Summed-area table of u u^T (6), u/r (3), 1/r^2 for each pixel.
 
@@ -133,7 +133,7 @@ def window_table(points: Floats, pad: int) -> Array:
     return table
 
 
-@njit(cache=True)
+@compiled
 def solve3(s: Array, a: Array) -> bool:
     """Solve a symmetric positive 3x3 system; False if it is singular.
 
@@ -157,7 +157,7 @@ def solve3(s: Array, a: Array) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def local_fits(
     points: Floats,
     table: Array,
@@ -226,7 +226,7 @@ def local_fits(
     return fits, residuals
 
 
-@njit(cache=True)
+@compiled
 def off_plane(a0: float, a1: float, a2: float, x: float, y: float, z: float, noise: float) -> float:
     """Distance of a point from a plane in standard deviations of that distance."""
     inside = a0 * x + a1 * y + a2 * z
@@ -238,7 +238,7 @@ def off_plane(a0: float, a1: float, a2: float, x: float, y: float, z: float, noi
     return np.sqrt(offset * offset / (square * (noise * noise * cosine + ROUGHNESS_SQUARE)))
 
 
-@njit(cache=True)
+@compiled
 def grow(
     points: Floats,
     fits: Floats,
@@ -346,7 +346,7 @@ def grow(
     return labels, sums[:regions].copy(), vectors[:regions].copy()
 
 
-@njit(cache=True)
+@compiled
 def find(parents: Labels, label: int) -> int:
     """Root of a label in a union-find forest."""
     while parents[label] != label:
@@ -355,7 +355,7 @@ def find(parents: Labels, label: int) -> int:
     return label
 
 
-@njit(cache=True)
+@compiled
 def merge(
     points: Floats, labels: Labels, sums: Array, vectors: Array, turn: bool, noise: float
 ) -> Labels:
@@ -416,7 +416,7 @@ def merge(
     return parents
 
 
-@njit(cache=True)
+@compiled
 def explained(
     points: Floats, labels: Labels, vectors: Array, turn: bool, noise: float
 ) -> NDArray[np.bool_]:
@@ -478,7 +478,7 @@ def explained(
     return (theirs < EXPLAINED * own) & (own > 0.0)
 
 
-@njit(cache=True)
+@compiled
 def spread(
     points: Floats, node_labels: Labels, vectors: Array, stride: int, turn: bool, noise: float
 ) -> Labels:

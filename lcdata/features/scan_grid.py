@@ -8,6 +8,7 @@ clusters, never from rounding a point's own elevation: that draws false lines al
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -62,11 +63,11 @@ def scan_grid(
     Returns:
         The grid; None where the points do not form one.
     """
-    cloud = np.ascontiguousarray(points, np.float32)
-    valid = np.isfinite(cloud @ np.ones(3, np.float32)) & (cloud != 0).any(axis=1)
+    cloud = np.array(points, np.float32, order="C")
+    cloud[~np.isfinite(cloud[:, 0] + cloud[:, 1] + cloud[:, 2])] = 0
     if organised is not None and organised[0] >= FEWEST_RINGS and organised[1] >= FEWEST_COLUMNS:
-        image = np.where(valid[:, None], cloud, np.float32(0)).reshape(*organised, 3)
-        return _from_image(image)
+        return _from_image(cloud.reshape(*organised, 3))
+    valid = cloud.any(axis=1)
     cloud = cloud[valid]
     if ring is not None and len(np.unique(ring)) >= FEWEST_RINGS:
         return _from_rings(cloud, np.unique(np.asarray(ring)[valid], return_inverse=True)[1])
@@ -209,9 +210,7 @@ def ring_from_elevation(cloud: Floats) -> Indices | None:
     peaks = peaks[smooth[peaks] > 0.1 * np.median(smooth[peaks])]
     if not FEWEST_RINGS <= len(peaks) <= MOST_RINGS:
         return None
-    valleys = np.array(
-        [a + np.argmin(smooth[a:b]) for a, b in zip(peaks[:-1], peaks[1:], strict=True)]
-    )
+    valleys = np.array([a + np.argmin(smooth[a:b]) for a, b in pairwise(peaks)])
     if np.median(smooth[valleys] / np.minimum(smooth[peaks[:-1]], smooth[peaks[1:]])) > 0.3:
         return None
     return np.searchsorted(valleys, bins, side="right")

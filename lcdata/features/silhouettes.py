@@ -9,9 +9,9 @@ the same at all ranges. Where it cuts the surface's plane is the line.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lcdata.features.compiled import compiled
 from lcdata.features.planes import Floats, Labels, Planes
 from lcdata.features.scan_grid import ScanGrid
 
@@ -40,7 +40,7 @@ def find_silhouettes(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDAr
         themselves in metres, (M,) number of edge points on each.
     """
     points, columns = grid.points, grid.points.shape[1]
-    seen = (points[..., 0] != 0) | (points[..., 1] != 0)
+    seen = points[..., 0] != 0
     labels, rays, halves = edge_points(
         points,
         planes.labels,
@@ -54,7 +54,12 @@ def find_silhouettes(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDAr
     )
     order = np.argsort(labels, kind="stable")
     labels, rays, halves = labels[order], rays[order], halves[order]
-    lines, normals = outlines(labels, rays, halves, grid.ring_step)
+    lines, normals = outlines(
+        labels,
+        np.ascontiguousarray(rays.T, np.float32),
+        np.ascontiguousarray(halves.T, np.float32),
+        grid.ring_step,
+    )
     order, first, last = _runs(lines, rays, normals, grid.ring_step)
     if not len(first):
         return np.zeros((0, 2, 3)), np.zeros(0), np.zeros(0, np.int64)
@@ -147,7 +152,7 @@ def _fit_runs(
     return fitted / np.linalg.norm(fitted, axis=1, keepdims=True), count / w
 
 
-@njit(cache=True)
+@compiled
 def edge_points(
     points: Floats,
     labels: Labels,
@@ -175,39 +180,17 @@ def edge_points(
             if label < 0:
                 continue
             for direction in range(4):
-                di, dj = 0, 0
-                if direction < 2:
-                    dj = 1 - 2 * direction
-                else:
-                    di = 5 - 2 * direction
-                # The nearest return in this direction, or none in all of LOOK_PIXELS.
-                found, out, first_i = 0, False, i
-                ni, nj = i, j
-                for step in range(1, LOOK_PIXELS + 1):
-                    ni, nj = ni + di, nj + dj
-                    if turn:
-                        nj = nj % columns
-                    if ni < 0 or ni >= rings or nj < 0 or nj >= columns:
-                        out = True
-                        break
-                    if not (live_rings[ni] and live_columns[nj]):
-                        out = True
-                        break
-                    if step == 1:
-                        first_i = ni
-                    q = points[ni, nj]
-                    if q[0] != 0.0 or q[1] != 0.0 or q[2] != 0.0:
-                        found = step
-                        break
-                # Beyond a dropout the edge could be anywhere in between: not used.
-                if (out and found == 0) or found > 1 or count == len(owners):
+                di = 0 if direction < 2 else 5 - 2 * direction
+                dj = 1 - 2 * direction if direction < 2 else 0
+                if 0 <= i + di < rings and 0 <= j + dj < columns and labels[i + di, j + dj] == label:
                     continue
-                if found == 1 and labels[ni, nj] == label:
+                ni, nj, seen = look(points, live_rings, live_columns, turn, i, j, di, dj)
+                if ni < 0 or labels[ni, nj] == label or count == len(owners):
                     continue
                 a, p = inverse[label], points[i, j]
                 rp = np.sqrt(np.float64(p[0]) * p[0] + p[1] * p[1] + p[2] * p[2])
                 u0, u1, u2 = p[0] / rp, p[1] / rp, p[2] / rp
-                if found == 1:
+                if seen:
                     q = points[ni, nj]
                     rq = np.sqrt(np.float64(q[0]) * q[0] + q[1] * q[1] + q[2] * q[2])
                     w0, w1, w2 = q[0] / rq, q[1] / rq, q[2] / rq
@@ -220,7 +203,7 @@ def edge_points(
                         continue
                     azimuth = np.arctan2(u1, u0) + dj * column_step
                     height = np.arctan2(u2, np.sqrt(u0 * u0 + u1 * u1))
-                    height += elevation[first_i] - elevation[i]
+                    height += elevation[ni] - elevation[i]
                     w0, w1 = np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth)
                     w2 = np.sin(height)
                 m0, m1, m2 = 0.5 * (u0 + w0), 0.5 * (u1 + w1), 0.5 * (u2 + w2)
@@ -234,122 +217,153 @@ def edge_points(
     return owners[:count].copy(), rays[:count].copy(), halves[:count].copy()
 
 
-@njit(cache=True)
-def outlines(labels: Labels, rays: Array, halves: Array, ring_step: float) -> tuple[Labels, Array]:
+@compiled
+def look(
+    points: Floats,
+    live_rings: NDArray[np.bool_],
+    live_columns: NDArray[np.bool_],
+    turn: bool,
+    i: int,
+    j: int,
+    di: int,
+    dj: int,
+) -> tuple[int, int, bool]:
+    """The next pixel in a direction and whether it has a return.
+
+    The border of the scan, a crop or a dead ring, and a dropout (beyond which the edge could
+    be anywhere) give -1.
+    """
+    rings, columns = points.shape[:2]
+    ni, nj = i, j
+    for step in range(LOOK_PIXELS):
+        ni, nj = ni + di, nj + dj
+        if turn:
+            nj = nj - columns if nj >= columns else (nj + columns if nj < 0 else nj)
+        if ni < 0 or ni >= rings or nj < 0 or nj >= columns:
+            return -1, -1, False
+        if not (live_rings[ni] and live_columns[nj]):
+            return -1, -1, False
+        if points[ni, nj, 0] != 0.0 or points[ni, nj, 1] != 0.0 or points[ni, nj, 2] != 0.0:
+            if step > 0:
+                return -1, -1, False
+            return ni, nj, True
+    return ni - (LOOK_PIXELS - 1) * di, nj, False
+
+
+@compiled
+def outlines(
+    labels: Labels, rays: Floats, halves: Floats, ring_step: float
+) -> tuple[Labels, Floats]:
     """RANSAC of planes through the scanner, region by region.
 
     Args:
         labels: (K,) sorted.
-        rays: (K, 3) unit edge rays.
-        halves: (K, 3) half a beam across the edge.
+        rays: (3, K) unit edge rays.
+        halves: (3, K) half a beam across the edge.
         ring_step: Radians.
 
     Returns:
         (K,) line of each edge point, -1 for none, and (M, 3) normals of the lines' planes.
     """
     lines = np.full(len(labels), -1, np.int32)
-    normals = np.zeros((len(labels) // FEWEST_POINTS + 1, 3))
-    active = np.empty(len(labels), np.int32)
-    eps = EPSILON_BEAMS * ring_step
+    normals = np.zeros((len(labels) // FEWEST_POINTS + 1, 3), np.float32)
+    # Points not yet on a line move to the front of their region: tight loops over few columns.
+    u, h, place = rays.copy(), halves.copy(), np.arange(len(labels))
+    eps = np.float32(EPSILON_BEAMS * ring_step)
     shortest, longest = (4.0 * ring_step) ** 2, (60.0 * ring_step) ** 2
-    found, start = 0, 0
+    found, first = 0, 0
     state = np.uint32(1)
-    while start < len(labels):
-        count, stop = 0, start
-        while stop < len(labels) and labels[stop] == labels[start]:
-            active[count] = stop
-            stop, count = stop + 1, count + 1
-        start = stop
-        while count >= FEWEST_POINTS:
-            most, b0, b1, b2 = 0, 0.0, 0.0, 0.0
+    while first < len(labels):
+        last = first
+        while last < len(labels) and labels[last] == labels[first]:
+            last += 1
+        begin, first = first, last
+        while last - begin >= FEWEST_POINTS:
+            most, b0, b1, b2 = 0, np.float32(0), np.float32(0), np.float32(0)
+            u0, u1, u2 = u[0, begin:last], u[1, begin:last], u[2, begin:last]
+            h0, h1, h2 = h[0, begin:last], h[1, begin:last], h[2, begin:last]
             for _ in range(TRIALS):
                 square, one, two = 0.0, 0, 0
                 for attempt in range(8):
                     # A linear congruential generator: the same lines on every run.
                     state = np.uint32(state * np.uint32(1664525) + np.uint32(1013904223))
+                    drawn = begin + np.int64(state >> np.uint32(8)) % (last - begin)
                     if attempt == 0:
-                        one = active[(state >> np.uint32(8)) % np.uint32(count)]
+                        one = drawn
                         continue
-                    two = active[(state >> np.uint32(8)) % np.uint32(count)]
-                    square = 0.0
+                    two, square = drawn, 0.0
                     for m in range(3):
-                        square += (rays[one, m] - rays[two, m]) ** 2
+                        square += (u[m, one] - u[m, two]) ** 2
                     if shortest < square < longest:
                         break
                 if square <= shortest:
                     continue
-                n0 = rays[one, 1] * rays[two, 2] - rays[one, 2] * rays[two, 1]
-                n1 = rays[one, 2] * rays[two, 0] - rays[one, 0] * rays[two, 2]
-                n2 = rays[one, 0] * rays[two, 1] - rays[one, 1] * rays[two, 0]
-                norm = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+                n0 = u[1, one] * u[2, two] - u[2, one] * u[1, two]
+                n1 = u[2, one] * u[0, two] - u[0, one] * u[2, two]
+                n2 = u[0, one] * u[1, two] - u[1, one] * u[0, two]
+                norm = np.float32(np.sqrt(n0 * n0 + n1 * n1 + n2 * n2))
                 n0, n1, n2 = n0 / norm, n1 / norm, n2 / norm
-                votes = 0
-                for k in range(count):
-                    if on_line(rays, halves, active[k], n0, n1, n2, eps):
-                        votes += 1
+                votes = np.int32(0)
+                for k in range(len(u0)):
+                    off = abs(u0[k] * n0 + u1[k] * n1 + u2[k] * n2)
+                    bound = abs(h0[k] * n0 + h1[k] * n1 + h2[k] * n2) + eps
+                    votes += np.int32(off < bound)
                 if votes > most:
                     most, b0, b1, b2 = votes, n0, n1, n2
             if most < FEWEST_POINTS:
                 break
-            b0, b1, b2 = refit(rays, halves, active, count, b0, b1, b2, eps)
-            rest = 0
-            for k in range(count):
-                if on_line(rays, halves, active[k], b0, b1, b2, eps):
-                    lines[active[k]] = found
-                else:
-                    active[rest] = active[k]
-                    rest += 1
-            count = rest
+            b0, b1, b2 = refit(u, h, begin, last, b0, b1, b2, eps)
+            rest = begin
+            for k in range(begin, last):
+                off = abs(u[0, k] * b0 + u[1, k] * b1 + u[2, k] * b2)
+                bound = abs(h[0, k] * b0 + h[1, k] * b1 + h[2, k] * b2)
+                if off < bound + eps:
+                    lines[place[k]] = found
+                    continue
+                for m in range(3):
+                    u[m, rest], h[m, rest] = u[m, k], h[m, k]
+                place[rest] = place[k]
+                rest += 1
+            if rest == last:
+                break
+            last = rest
             normals[found, 0], normals[found, 1], normals[found, 2] = b0, b1, b2
             found += 1
     return lines, normals[:found].copy()
 
 
-@njit(cache=True)
-def on_line(
-    rays: Array, halves: Array, k: int, n0: float, n1: float, n2: float, eps: float
-) -> bool:
-    """Whether the line runs between the two beams of an edge point."""
-    off = abs(rays[k, 0] * n0 + rays[k, 1] * n1 + rays[k, 2] * n2)
-    return off < abs(halves[k, 0] * n0 + halves[k, 1] * n1 + halves[k, 2] * n2) + eps
-
-
-@njit(cache=True)
+@compiled
 def refit(
-    rays: Array,
-    halves: Array,
-    active: Labels,
-    count: int,
-    n0: float,
-    n1: float,
-    n2: float,
-    eps: float,
-) -> tuple[float, float, float]:
+    u: Floats,
+    h: Floats,
+    begin: int,
+    last: int,
+    n0: np.float32,
+    n1: np.float32,
+    n2: np.float32,
+    eps: np.float32,
+) -> tuple[np.float32, np.float32, np.float32]:
     """Least squares over all edge points on a line that only two of them defined."""
     c0, c1, c2 = 0.0, 0.0, 0.0
-    for k in range(count):
-        i = active[k]
-        if on_line(rays, halves, i, n0, n1, n2, eps):
-            c0, c1, c2 = c0 + rays[i, 0], c1 + rays[i, 1], c2 + rays[i, 2]
+    for k in range(begin, last):
+        off = abs(u[0, k] * n0 + u[1, k] * n1 + u[2, k] * n2)
+        if off < abs(h[0, k] * n0 + h[1, k] * n1 + h[2, k] * n2) + eps:
+            c0, c1, c2 = c0 + u[0, k], c1 + u[1, k], c2 + u[2, k]
     norm = np.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
     c0, c1, c2 = c0 / norm, c1 / norm, c2 / norm
     d0, d1, d2 = n1 * c2 - n2 * c1, n2 * c0 - n0 * c2, n0 * c1 - n1 * c0
-    uu, uv, vv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(count):
-        i = active[k]
-        if on_line(rays, halves, i, n0, n1, n2, eps):
-            u = rays[i, 0] * c0 + rays[i, 1] * c1 + rays[i, 2] * c2
-            v = rays[i, 0] * d0 + rays[i, 1] * d1 + rays[i, 2] * d2
-            y = rays[i, 0] * n0 + rays[i, 1] * n1 + rays[i, 2] * n2
-            uu, uv, vv, yu, yv = uu + u * u, uv + u * v, vv + v * v, yu + y * u, yv + y * v
-    determinant = uu * vv - uv * uv
+    ff, fs, ss, yf, ys = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(begin, last):
+        y = u[0, k] * n0 + u[1, k] * n1 + u[2, k] * n2
+        if abs(y) < abs(h[0, k] * n0 + h[1, k] * n1 + h[2, k] * n2) + eps:
+            f = u[0, k] * c0 + u[1, k] * c1 + u[2, k] * c2
+            s = u[0, k] * d0 + u[1, k] * d1 + u[2, k] * d2
+            ff, fs, ss, yf, ys = ff + f * f, fs + f * s, ss + s * s, yf + y * f, ys + y * s
+    determinant = ff * ss - fs * fs
     if determinant <= 0.0:
         return n0, n1, n2
-    alpha, beta = (yu * vv - yv * uv) / determinant, (yv * uu - yu * uv) / determinant
-    n0, n1, n2 = (
-        n0 - alpha * c0 - beta * d0,
-        n1 - alpha * c1 - beta * d1,
-        n2 - alpha * c2 - beta * d2,
-    )
-    norm = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-    return n0 / norm, n1 / norm, n2 / norm
+    alpha, beta = (yf * ss - ys * fs) / determinant, (ff * ys - fs * yf) / determinant
+    m0, m1 = n0 - alpha * c0 - beta * d0, n1 - alpha * c1 - beta * d1
+    m2 = n2 - alpha * c2 - beta * d2
+    norm = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+    return np.float32(m0 / norm), np.float32(m1 / norm), np.float32(m2 / norm)
