@@ -6,15 +6,21 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from lcdata.errors import ArmError
+from lcdata.errors import ArmError, MissingLibraryError
+
+if TYPE_CHECKING:
+    from lcdata.arm_chain import Chain
 
 Array = NDArray[np.float64]
+
+EXAMPLES = "example-robot-data:"
+"""Prefix of the models of the optional package example-robot-data."""
 
 LIMIT_TOLERANCE_RAD = np.deg2rad(1.0)
 """Encoders of an arm at its end stop read a little beyond the limit of the data sheet."""
@@ -30,12 +36,16 @@ def find_urdf(model: str | Path, relative_to: Path | None = None) -> Path:
     """Path of an arm model's URDF.
 
     Args:
-        model: A name in `arm_models/` (`"gen3_lite"`) or the path of a URDF file.
+        model: A name in `arm_models/` (`"gen3_lite"`), one of the package example-robot-data
+            (`"example-robot-data:ur5"`) or the path of a URDF file.
         relative_to: Folder that a relative path starts from.
 
     Raises:
         ArmError: No such name and no such file.
+        MissingLibraryError: example-robot-data is not installed.
     """
+    if str(model).startswith(EXAMPLES):
+        return _find_example(str(model).removeprefix(EXAMPLES))
     named = model_directory() / str(model) / f"{model}.urdf"
     if named.is_file():
         return named
@@ -45,8 +55,28 @@ def find_urdf(model: str | Path, relative_to: Path | None = None) -> Path:
     names = sorted(p.name for p in model_directory().iterdir() if (p / f"{p.name}.urdf").is_file())
     raise ArmError(
         f"no arm model {str(model)!r}",
-        f"give the path of a .urdf file or one of {', '.join(names)}",
+        f"give the path of a .urdf file, {EXAMPLES}ur5 and its like, or one of {', '.join(names)}",
     )
+
+
+def _find_example(name: str) -> Path:
+    """URDF of the package example-robot-data, which has files and no module."""
+    from importlib import metadata
+
+    try:
+        files = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError as error:
+        raise MissingLibraryError(
+            f"{EXAMPLES}{name}: the package example-robot-data is not installed",
+            "pip install 'lcdata[arms]' (440 MB)",
+        ) from error
+    urdfs = {f.stem: f for f in sorted(files, key=str) if f.suffix == ".urdf"}
+    found = urdfs.get(name) or urdfs.get(f"{name}_robot")
+    if found is None:
+        raise ArmError(
+            f"example-robot-data has no {name}.urdf", f"it has {', '.join(sorted(urdfs))}"
+        )
+    return Path(str(found.locate())).resolve()
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +267,60 @@ class Arm:
             self.model.joints[self.model.getJointId(name)].idx_v for name in self.joint_names
         ]
         return np.asarray(full[:, columns])
+
+    def chain(self) -> Chain:
+        """The arm as plain arrays, which stacks of joint positions run through."""
+        from lcdata.arm_chain import chain_of
+
+        frames = self._frame_id(self.base_frame), self._frame_id(self.effector_frame)
+        return chain_of(self.model, self.joint_names, *frames)
+
+    def with_offsets(self, positions: ArrayLike) -> Array:
+        """(N, n) encoder readings of `joint_names`, joint offsets added."""
+        values = np.asarray(positions, float)
+        if values.ndim != 2 or values.shape[1] != len(self.joint_names):
+            raise ArmError(
+                f"joint positions of shape {values.shape}",
+                f"give (N, {len(self.joint_names)}): {', '.join(self.joint_names)}",
+            )
+        return values + [self.joint_offsets.get(name, 0.0) for name in self.joint_names]
+
+    def forward_many(self, positions: ArrayLike) -> Array:
+        """(N, 4, 4) `T_base_effector` of (N, n) joint positions in radians.
+
+        Compiled: worth it from some ten thousand samples on.
+        """
+        from lcdata import arm_kernels
+
+        chain = self.chain()
+        return np.asarray(
+            arm_kernels.forward(chain.links, chain.slides, self.with_offsets(positions))
+        )
+
+    def covariance_many(self, positions: ArrayLike, std: ArrayLike) -> tuple[Array, Array]:
+        """Effector poses of many joint positions and what the joints' errors make of them.
+
+        Args:
+            positions: (N, n) encoder readings, radians.
+            std: (N, n) or (n,) standard deviations, radians.
+
+        Returns:
+            (N, 4, 4) `T_base_effector`, and (N, 6, 6) covariances J diag(std^2) J^T in the
+            effector's own axes, translation then rotation.
+        """
+        from lcdata import arm_kernels
+
+        chain, q = self.chain(), self.with_offsets(positions)
+        variance = np.atleast_2d(np.square(np.asarray(std, float)))
+        if variance.shape not in {q.shape, (1, q.shape[1])}:
+            raise ArmError(
+                f"standard deviations of shape {variance.shape} for positions {q.shape}",
+                "give one for each joint, or one for each sample and joint",
+            )
+        poses, covariances = arm_kernels.forward_covariance(
+            chain.links, chain.slides, q, np.ascontiguousarray(variance)
+        )
+        return np.asarray(poses), np.asarray(covariances)
 
 
 def read_joint_offsets(path: Path) -> dict[str, float]:

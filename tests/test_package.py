@@ -15,6 +15,8 @@ PACKAGE = ROOT / "lcdata"
 FLOORS = {
     "errors": 1.0,
     "geometry": 1.1,
+    "arm_chain": 1.15,
+    "arm_kernels": 1.15,
     "arm": 1.2,
     "pair": 1.2,
     "open3d_loader": 1.2,
@@ -25,6 +27,7 @@ FLOORS = {
     "dataset": 3,
     "simulation": 3,
     "calibrators": 3,
+    "handeye": 3,
     "evaluation": 4,
     "report": 5,
     "review": 5,
