@@ -156,10 +156,14 @@ def _read(data: Any, what: str) -> NDArray[Any]:
 
 
 def encode_png(pixels: NDArray[Any]) -> bytes:
-    """Lossless PNG of BGR or gray pixels; level 1, as time matters more than the last bytes."""
+    """Lossless PNG of BGR or gray pixels.
+
+    OpenCV's own choice (run lengths of differences to the left) takes half the time of level 1
+    of the usual one and makes files that are as small.
+    """
     import cv2
 
-    ok, data = cv2.imencode(".png", np.ascontiguousarray(pixels), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    ok, data = cv2.imencode(".png", np.ascontiguousarray(pixels))
     if not ok:
         raise MessageError(f"pixels of {pixels.shape} {pixels.dtype} cannot be written as PNG")
     return data.tobytes()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import re
 import struct
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -164,8 +165,8 @@ def chunk_messages(
 
 def connection(header: Header, fields: Header) -> Connection:
     """Connection of its record's header and data."""
-    parts = [part for part in header[b"topic"].decode().split("/") if part]
-    return Connection("/" + "/".join(parts), fields[b"type"].decode())
+    topic = re.sub("/+", "/", header[b"topic"].decode())
+    return Connection(topic, fields[b"type"].decode())
 
 
 def decompress(compression: bytes, data: bytes, size: int = -1) -> bytes:

@@ -119,7 +119,8 @@ class Recording:
     def problems(self) -> list[str]:
         """What was wrong with the file and the messages read so far, one line each."""
         messages = [
-            f"{self.path}: topic {topic}: {count} messages cannot be read: {self._first_bad[topic]}"
+            f"{self.path}: topic {topic}: {count} message{'s' * (count > 1)} cannot be read: "
+            f"{self._first_bad[topic]}"
             for topic, count in self._bad.items()
         ]
         return list(dict.fromkeys([*self._storage.problems, *messages]))

@@ -66,15 +66,14 @@ class Sqlite3File:
         """Messages of some topics, in the order in which they were written."""
         keys = [key for key, name in self._keys.items() if name in topics]
         cut = [key for key, name in self._keys.items() if name in heads]
-        rows = self._connection.execute(
+        query = (
             f"SELECT id, topic_id, timestamp, CASE WHEN topic_id IN ({_marks(cut)}) "
             f"THEN NULL ELSE data END FROM messages NOT INDEXED "
-            f"WHERE topic_id IN ({_marks(keys)})",
-            [*cut, *keys],
+            f"WHERE topic_id IN ({_marks(keys)})"
         )
         read = 0
         try:
-            for row, key, stamp, data in rows:
+            for row, key, stamp, data in self._connection.execute(query, [*cut, *keys]):
                 name = self._keys[key]
                 yield Raw(name, stamp, self._head(row) if data is None else plain(data))
                 read += 1
