@@ -25,12 +25,12 @@ T_camera_effector:
   translation_m: [0.062, 0.041, -0.035]
   rotation_rpy_deg: [1.5, -2.0, 90.0]
   translation_std_m: 0.003
-  rotation_std_deg: 0.3
+  rotation_std_deg: 0.15
 T_base_lidar:
   translation_m: [-0.18, 0.03, 0.82]
   rotation_rpy_deg: [0.5, 1.0, -2.0]
   translation_std_m: 0.004
-  rotation_std_deg: 0.3
+  rotation_std_deg: 0.15
 """
 """What somebody with a ruler and a level wrote down about the simulated tower."""
 
