@@ -60,14 +60,18 @@ class Stage:
 
 COARSE = Stage(60.0, 1.0, 6)
 ROUNDS = (
-    Stage(60.0, 0.25, 12),
-    Stage(20.0, 0.12, 12),
-    Stage(20.0, 0.06, 12),
+    Stage(60.0, 0.25, 8),
+    Stage(60.0, 0.15, 8),
+    Stage(20.0, 0.10, 12),
+    Stage(20.0, 0.07, 12),
+    Stage(20.0, 0.05, 12),
     Stage(20.0, 0.03, 12),
-    Stage(8.0, 0.015, 12),
-    Stage(8.0, 0.008, 12),
+    Stage(8.0, 0.02, 12),
+    Stage(8.0, 0.014, 12),
+    Stage(8.0, 0.01, 12),
+    Stage(8.0, 0.007, 12),
 )
-FINEST = Stage(8.0, 0.0, 24)
+FINEST = Stage(4.0, 0.0, 24)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,15 +166,32 @@ def search(
     best = np.argsort(costs, kind="stable")[: options.keep]
     deltas, costs = deltas[best], costs[best]
     for stage in ROUNDS:
-        offsets = rng.normal(size=(len(deltas), options.children, 6)) * (stage.spread * box)
-        deltas = np.concatenate([deltas, (deltas[:, None] + offsets).reshape(-1, 6)])
+        deltas = np.concatenate([deltas, _children(deltas, stage.spread * box, options, rng)])
         deltas = np.clip(deltas, -1.2 * box, 1.2 * box)
-        poses = displaced(T_initial, deltas)
-        costs = objective(poses, stage)
-        best = _different(deltas / box, costs, options.keep, 0.5 * stage.spread)
+        costs = objective(displaced(T_initial, deltas), stage)
+        best = _different(deltas / box, costs, options.keep, 0.3 * stage.spread)
         deltas, costs = deltas[best], costs[best]
     best = _different(deltas / box, costs, options.candidates, 0.1)
     return displaced(T_initial, deltas[best]), objective
+
+
+def _children(
+    parents: Array, spread: Array, options: SearchOptions, rng: np.random.Generator
+) -> Array:
+    """Random poses about the parents.
+
+    Half of them are steps along the difference of two other parents, as in differential
+    evolution: those follow the long valleys in which rotation makes up for translation.
+    """
+    count = len(parents)
+    offsets = rng.normal(size=(count, options.children, 6)) * spread
+    half = options.children // 2
+    first, second = rng.integers(0, count, (2, count, half))
+    offsets[:, :half] *= 0.2
+    offsets[:, :half] += rng.uniform(0.3, 1.0, (count, half, 1)) * (
+        parents[first] - parents[second]
+    )
+    return np.asarray((parents[:, None] + offsets).reshape(-1, 6))
 
 
 def displaced(T: Array, deltas: Array) -> Array:

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 ORIENTATIONS = 18
 """Bins of 10 degrees."""
 
-FIELDS = {60.0: 15.0, 20.0: 10.0, 8.0: 5.0}
+FIELDS = {60.0: 15.0, 20.0: 10.0, 8.0: 5.0, 4.0: 3.0}
 """Truncation distances in pixels at a focal length of 1000, coarse to fine, and the angles in
 degrees that a line reaches beyond its own bin."""
 

@@ -8,18 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.features.cloud_lines import extract_cloud_lines
 from lcdata.features.distance_fields import FIELDS, DistanceFields, distance_fields
 from lcdata.features.image_lines import extract_image_lines
 from lcdata.geometry.camera import Camera
 from lcdata.pair import Pair
 
 Array = NDArray[np.float64]
-
-PLANE_PLANE_SIGMA = 0.006
-"""Standard deviation of an intersection of two planes across its direction, metres."""
-
-BOUNDARY_SIGMA = 0.018
-"""Standard deviation of a plane's border, which falls between two beams, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +48,6 @@ def extract_line_features(pair: Pair) -> LineFeatures:
     Args:
         pair: Points may contain NaN; fewer than three points give no cloud lines.
     """
-    from lcdata.features.cloud_lines import extract_cloud_lines
-
     gray = pair.image if pair.image.ndim == 2 else cv2.cvtColor(pair.image, cv2.COLOR_RGB2GRAY)
     camera = pair.camera.undistorted()
     valid = None
@@ -68,5 +61,4 @@ def extract_line_features(pair: Pair) -> LineFeatures:
         truncation: distance_fields(image_lines, camera, truncation * scale, reach)
         for truncation, reach in FIELDS.items()
     }
-    sigma = np.where(cloud.kind == 0, PLANE_PLANE_SIGMA, BOUNDARY_SIGMA)
-    return LineFeatures(camera, image_lines, cloud.segments, sigma, fields)
+    return LineFeatures(camera, image_lines, cloud.segments, cloud.std, fields)

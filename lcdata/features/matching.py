@@ -14,13 +14,16 @@ from lcdata.features.line_solver import Problem, Solution, Solver
 
 Array = NDArray[np.float64]
 
-GATES = ((5.0, 20.0), (4.0, 14.0), (3.0, 9.0), (2.0, 5.0), (2.0, 5.0))
+GATES = ((5.0, 20.0), (4.0, 14.0), (3.0, 9.0), (2.0, 5.0), (2.0, 5.0), (2.0, 5.0))
 """Largest angle (degrees) and distance (pixels at f = 1000) of a match, round by round."""
+
+SOFTNESS = 0.1
+"""Expected residual as a share of the gate while the gates are wide."""
 
 OVERLAP = 0.3
 """Part of the shorter of two lines that must lie beside the other."""
 
-IMAGE_SIGMA = 0.7
+IMAGE_SIGMA = 0.4
 """Standard deviation of an image line's end points across it, pixels."""
 
 
@@ -139,15 +142,23 @@ def _clip(pixels: Array, width: int, height: int) -> tuple[Array, NDArray[np.boo
     return clipped, (t1 - t0) * np.linalg.norm(delta, axis=1) > 5.0
 
 
-def make_problem(pairs: Sequence[LineFeatures], matches: Matches) -> Problem:
-    """The equations of matched lines."""
+def make_problem(
+    pairs: Sequence[LineFeatures], matches: Matches, image_sigma_px: float = IMAGE_SIGMA
+) -> Problem:
+    """The equations of matched lines.
+
+    Args:
+        pairs: Features of each pair.
+        matches: Their matches.
+        image_sigma_px: Standard deviation of image lines, pixels.
+    """
     segments, image, image_sigma, cloud_sigma = [], [], [], []
     for k, pair in enumerate(pairs):
         mine = matches.pair == k
         fx, fy, cx, cy = pair.camera.intrinsics
         lines = pair.image_lines[matches.line[mine]].reshape(-1, 2, 2)
         image.append((lines - [cx, cy]) / [fx, fy])
-        image_sigma.append(np.full(len(lines), IMAGE_SIGMA / pair.focal_length))
+        image_sigma.append(np.full(len(lines), image_sigma_px / pair.focal_length))
         segments.append(pair.segments[matches.segment[mine]])
         cloud_sigma.append(pair.sigma[matches.segment[mine]])
     return Problem(*map(np.concatenate, (segments, image, image_sigma, cloud_sigma)))
@@ -172,7 +183,8 @@ def refine(
         matches = match(pairs, T, angle, distance)
         if len(matches.pair) < 3:
             return None, matches
-        solution = solver(make_problem(pairs, matches), T)
+        sigma = max(IMAGE_SIGMA, distance * SOFTNESS * pairs[0].focal_length / 1e3)
+        solution = solver(make_problem(pairs, matches, sigma), T)
         T = solution.T_camera_lidar
     return solution, matches
 
