@@ -44,9 +44,7 @@ def _static(summary: Summary) -> str:
     return (
         "ground_truth: static\n"
         + NOT_IDENTITY
-        + _link(
-            "T_camera_lidar", "LiDAR in the camera's optical frame (x right, y down, z forward)"
-        )
+        + _link("T_camera_lidar", f"{_lidar(summary)} in {_camera_frame(summary)}")
     )
 
 
@@ -60,9 +58,18 @@ def _arm(summary: Summary) -> str:
         "  effector_frame: end_effector_link  # the frame that T_camera_effector starts from\n"
         "  encoder_std_deg: 0.02\n"
         + NOT_IDENTITY
-        + _link("T_camera_effector", "effector frame in the camera's optical frame")
-        + _link("T_base_lidar", "LiDAR in the arm's base frame")
+        + _link("T_camera_effector", f"the effector's frame in {_camera_frame(summary)}")
+        + _link("T_base_lidar", f"{_lidar(summary)} in the arm's base frame")
     )
+
+
+def _lidar(summary: Summary) -> str:
+    return f"the LiDAR's frame {summary.cloud.frame}" if summary.cloud else "the LiDAR's frame"
+
+
+def _camera_frame(summary: Summary) -> str:
+    named = f" {summary.image.frame}" if summary.image else ""
+    return f"the camera's frame{named} (x right, y down, z forward)"
 
 
 def _link(name: str, what: str) -> str:
