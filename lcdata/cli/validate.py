@@ -13,7 +13,10 @@ EXAMPLE = "lcdata validate dataset"
 def validate(dataset: DatasetPath, as_json: JsonFlag = False) -> None:
     """Check a data set: schema, checksums, geometry."""
     from lcdata.dataset.validate import validate as find_problems
+    from lcdata.errors import DatasetError
 
+    if not dataset.is_dir():
+        raise DatasetError(f"no data set {dataset}", "`lcdata build RECORDINGS` makes one")
     problems = find_problems(dataset)
     if as_json:
         print_json({"dataset": dataset, "valid": not problems, "problems": problems})
