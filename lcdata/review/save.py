@@ -131,7 +131,8 @@ def _log_whole(recording: rr.RecordingStream, dataset: Dataset, trials: Trials) 
     tops = send_errors(recording, trials, [r.pair_id for r in records], poses, time)
     if trials.methods:
         send_outcomes(recording, trials, records, time(range(len(records) + 1)))
-    document = rr.TextDocument(summary(dataset, trials), media_type="text/markdown")
+    text = summary(dataset, trials, arm_is_missing=is_arm and arm is None)
+    document = rr.TextDocument(text, media_type="text/markdown")
     recording.log(names.SUMMARY, document, static=True)
     texts = [
         pair_text(number, len(records), record, pose, trials)

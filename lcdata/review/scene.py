@@ -26,11 +26,21 @@ MAST_WIDTH_M, PLATE_M = 0.04, 0.02
 
 
 def load_arm(dataset: Dataset) -> Arm | None:
-    """The arm of a data set; None without one, or if its model is not on this machine."""
-    if dataset.rig.ground_truth != "arm":
+    """The arm of a data set, its joint offsets as they were when the data set was built.
+
+    Returns:
+        None without an arm, or if its URDF is not on this machine: it lay beside the recordings.
+    """
+    from lcdata.arm import Arm, find_urdf
+
+    described = dataset.info.arm
+    if dataset.rig.ground_truth != "arm" or described is None:
         return None
+    section = dataset.rig.arm
     try:
-        return dataset.rig.load_arm()
+        urdf = find_urdf(section.model)
+        offsets = described.get("joint_offsets", {})
+        return Arm(urdf, section.base_frame, section.effector_frame, offsets)
     except ArmError:
         return None
 

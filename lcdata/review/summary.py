@@ -29,18 +29,23 @@ WORST = 5
 """How many of a method's worst pairs are named."""
 
 
-def summary(dataset: Dataset, trials: Trials) -> str:
+def summary(dataset: Dataset, trials: Trials, arm_is_missing: bool = False) -> str:
     """Markdown summary of a data set and of the trials that are shown.
 
     Args:
         dataset: The data set.
         trials: What is shown.
+        arm_is_missing: Whether the data set has an arm that could not be shown.
     """
     parts = [f"# {dataset.path.resolve().name}", _about(dataset)]
     if trials.methods:
         parts += [_protocol(trials), _table(trials), _failures(dataset.pairs, trials)]
     else:
         parts.append("No results yet: `lcdata calibrate` makes them. Shown is the ground truth.")
+    if arm_is_missing:
+        parts.append(
+            f"The arm is not shown: its model {dataset.rig.arm.model} is not on this machine."
+        )
     if dataset.info.failures:
         lines = "\n".join(f"- {failure}" for failure in dataset.info.failures)
         parts.append(f"## Left out by the build\n\n{lines}")

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from lcdata.arm import Arm
 from lcdata.calibrators.base import LineMatches
 from lcdata.dataset import Dataset, writer
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord, Scenario
@@ -49,6 +50,13 @@ RUN = "5deg-0.5m-seed0"
 GOOD, BAD = "alpha", "beta"
 
 
+OFFSETS = {"joint_2": 0.02}  # of the arm that made the data set; its rig's file is elsewhere now
+
+
+def load_arm(rig: Rig) -> Arm:
+    return replace(rig.load_arm(), joint_offsets=OFFSETS)
+
+
 def make(path: Path, *, arm: bool = True, pairs: int = 2) -> Dataset:
     """Two scenarios with two poses each (without an arm one), `pairs` pairs a pose."""
     rig = Rig.from_dict(RIG if arm else {"ground_truth": "static"})
@@ -61,7 +69,7 @@ def make(path: Path, *, arm: bool = True, pairs: int = 2) -> Dataset:
                 pair_records.append(_write_pair(path, pose, n))
     info = DatasetInfo(
         rig=rig.to_dict(),
-        arm={"model": "gen3_lite"} if arm else None,
+        arm={"model": "gen3_lite", "joint_offsets": OFFSETS} if arm else None,
         sources=(),
         scenarios={name: Scenario(camera, {}) for name, camera in CAMERAS.items()},
         simulated=True,
@@ -75,7 +83,7 @@ def _pose(pose_id: str, rig: Rig, joints: np.ndarray, start_ns: int) -> PoseReco
     scenario = pose_id.split("/", maxsplit=1)[0]
     links = {}
     if rig.ground_truth == "arm":
-        truth = arm_truth(rig, rig.load_arm(), joints)
+        truth = arm_truth(rig, load_arm(rig), joints)
         T, covariance = truth.T_camera_lidar, truth.covariance
         names = ("T_camera_effector", "T_effector_base", "T_base_lidar")
         links = {name: getattr(truth, name) for name in names}

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from box_room import BAD, GOOD, add_results, make
+from box_room import BAD, GOOD, add_results, load_arm, make
 from rrd import Rrd
 from scipy.spatial.transform import Rotation
 
@@ -170,7 +171,7 @@ def test_matched_lines_are_shown_in_3d_and_2d(rrd, dataset):
 
 
 def test_the_arm_moves_as_the_joints_say(rrd, dataset):
-    arm = dataset.rig.load_arm()
+    arm = load_arm(dataset.rig)
     tree = all_transforms(rrd)
     for number, record in enumerate(dataset.pairs):
         frames = tree[None] | tree[number]
@@ -233,6 +234,16 @@ def test_without_results_only_the_ground_truth_is_shown(tmp_path):
     assert overlays == {"ground_truth"}
     assert not any(e.startswith(("/errors", "/outcomes", "/frustums")) for e in rrd.entities)
     assert "No results yet" in rrd.static("/summary", "TextDocument:text")[0]
+
+
+def test_an_arm_whose_model_is_elsewhere_is_left_out_and_named(tmp_path):
+    dataset = make(tmp_path / "set", pairs=1)
+    rig = dataset.info.rig | {"arm": dataset.info.rig["arm"] | {"model": "own/robot.urdf"}}
+    moved = replace(dataset, info=replace(dataset.info, rig=rig))
+    rrd = Rrd(save_review(moved, tmp_path / "review.rrd"))
+    assert not any(entity.startswith("/arm") for entity in rrd.entities)
+    text = rrd.static("/summary", "TextDocument:text")[0]
+    assert "The arm is not shown: its model own/robot.urdf" in text
 
 
 def test_thinning_can_be_chosen(tmp_path):
