@@ -68,7 +68,7 @@ class Journal:
         check_folder(folder)
         if (folder / schema.INFO).exists() and not force:
             raise DatasetError(
-                f"{folder} already holds a data set of other recordings or another rig",
+                f"{folder} already holds a data set of other recordings, rig or options",
                 "choose another folder with -o, or replace it with --force",
             )
         try:
@@ -115,28 +115,26 @@ class Journal:
 
     def _start(self, header: dict[str, Any], force: bool) -> None:
         self._file.seek(0)
-        first, *others = self._file.read().split(b"\n")
+        content = self._file.read()
+        first, *others = content.split(b"\n")
         known = _parsed(first)
         if known and known != header and not force:
             raise DatasetError(
-                f"{self.folder} holds an unfinished build of other recordings, another rig or "
-                "another version",
+                f"{self.folder} holds an unfinished build of other recordings, another rig, other "
+                "options or another version",
                 "finish that one first, choose another folder with -o, or drop it with --force",
             )
         atomic.remove_leftovers(self.folder)
-        kept = []
         if known == header and not (self.folder / schema.INFO).exists():
-            kept = [content for content in map(_parsed, others) if content]
+            # What follows the last line feed was cut off by a kill.
+            self._file.truncate(content.rfind(b"\n") + 1)
+            records = [PairRecord(**line) for line in map(_parsed, others) if line]
+            self.finished = {record.pair_id: record for record in records}
         else:
             clear(self.folder)
-        # What follows the last line feed was cut off by a kill: write the rest anew.
-        self._file.truncate(0)
-        self._append(header)
-        os.fsync(self._file.fileno())
-        for content in kept:
-            record = PairRecord(**content)
-            self.finished[record.pair_id] = record
-            self.add(record)
+            self._file.truncate(0)
+            self._append(header)
+            os.fsync(self._file.fileno())
 
     def _append(self, content: dict[str, Any]) -> None:
         line = json.dumps(content).encode() + b"\n"
