@@ -35,7 +35,8 @@ MERGE_GAP = 3
 NEIGHBOURS = 6
 EXPLAINED = 1.5
 """A region goes if its neighbours' planes fit its points up to this much worse than its own."""
-FEWEST_NODES = 15
+FEWEST_NODES, FEWEST_ROWS = 15, 4
+"""Smallest region. Each beam has a bias of its own: few rings leave the tilt to their biases."""
 NOISE_LIMITS_M = 0.004, 0.05
 
 
@@ -62,13 +63,14 @@ def find_planes(grid: ScanGrid) -> Planes:
     ring_step, column_step = grid.ring_step, abs(grid.column_step)
     table = window_table(points, MOST_COLUMNS_ASIDE if turn else 0)
 
-    coarse = local_fits(points, table, turn, ring_step, column_step, 8, 0.0, np.inf)[1]
+    ring_steps = np.maximum(np.abs(np.gradient(grid.elevation)), 0.3 * ring_step)
+    coarse = local_fits(points, table, turn, ring_steps, column_step, 8, 0.0, np.inf)[1]
     measured = coarse[np.isfinite(coarse)]
     noise = float(np.clip(np.quantile(measured, 0.4), *NOISE_LIMITS_M)) if len(measured) else 0.02
     # Nodes are about as far apart in azimuth as in elevation; 2 columns where they are dense.
     stride = 2 if ring_step > 1.5 * column_step and points.shape[1] % 2 == 0 else 1
     fits, residuals = local_fits(
-        points, table, turn, ring_step, column_step, stride, WINDOW_M, noise
+        points, table, turn, ring_steps, column_step, stride, WINDOW_M, noise
     )
     nodes = np.ascontiguousarray(points[:, ::stride])
     node_labels, sums, vectors = grow(
@@ -162,7 +164,7 @@ def local_fits(
     points: Floats,
     table: Array,
     turn: bool,
-    ring_step: float,
+    ring_steps: Array,
     column_step: float,
     stride: int,
     window: float,
@@ -192,7 +194,7 @@ def local_fits(
             for attempt in range(2):
                 half = window / (r * (1 + attempt))
                 aside = min(max(int(half / column_step + 0.5), 2), MOST_COLUMNS_ASIDE)
-                above = min(max(int(half / ring_step + 0.5), 1), MOST_RINGS_ASIDE)
+                above = min(max(int(half / ring_steps[i] + 0.5), 1), MOST_RINGS_ASIDE)
                 left, right = j - aside, j + aside + 1
                 if not turn:
                     left, right = max(left, 0), min(right, columns)
@@ -332,7 +334,12 @@ def grow(
                     labels[ni, nj] = regions
                     queue[tail] = ni * columns + nj
                     tail += 1
-            if tail >= max(FEWEST_NODES, 0.1 * window) and solve3(s, a):
+            highest, lowest = 0, rings
+            for n in range(tail):
+                highest = max(highest, queue[n] // columns)
+                lowest = min(lowest, queue[n] // columns)
+            large = tail >= max(FEWEST_NODES, 0.1 * window) and highest - lowest + 1 >= FEWEST_ROWS
+            if large and solve3(s, a):
                 for k in range(3):
                     vectors[regions, k] = a[k]
                 for k in range(9):

@@ -109,9 +109,14 @@ def _from_image(image: Floats) -> ScanGrid | None:
         image = np.where(np.broadcast_to(inside, place.shape)[..., None], aligned, np.float32(0))
     slope = here[..., 2] / np.maximum(np.hypot(here[..., 0], here[..., 1]), 1e-6)
     elevation = np.arctan((slope * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+    steps = np.diff(elevation[known])
+    # Rings without a return keep their place.
     rows = np.arange(rings)
+    spacing = float(np.median(steps / np.diff(rows[known])))
+    first, last = rows[known][[0, -1]]
     elevation = np.interp(rows, rows[known], elevation[known])
-    if not ((np.diff(elevation[known]) > 0).all() or (np.diff(elevation[known]) < 0).all()):
+    elevation += spacing * (np.minimum(rows - first, 0) + np.maximum(rows - last, 0))
+    if not ((steps > 0).all() or (steps < 0).all()):
         order = np.argsort(elevation)
         image, elevation = np.ascontiguousarray(image[order]), elevation[order]
     return ScanGrid(image, elevation, step, full_turn)

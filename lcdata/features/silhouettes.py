@@ -20,6 +20,10 @@ Indices = NDArray[np.intp]
 
 STEP_M, STEP_SIGMA = 0.1, 5.0
 """How much farther the outside must be, in metres and in standard deviations of range."""
+FLAT_COSINE = 0.3
+"""Flatter than this, it must be that much farther across the surface too."""
+LARGEST_RING_GAP = 2.0
+"""Rings farther apart than this, in typical gaps, are not neighbours."""
 LOOK_PIXELS = 3
 """Missing returns in a row that are sky and not dropouts."""
 GRAZING_COSINE = 0.15
@@ -47,6 +51,7 @@ def find_silhouettes(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDAr
         planes.inverse,
         seen.sum(axis=1) > 0.01 * columns,
         seen.any(axis=0),
+        np.abs(np.diff(grid.elevation)) > LARGEST_RING_GAP * grid.ring_step,
         grid.elevation,
         grid.column_step,
         grid.full_turn,
@@ -159,6 +164,7 @@ def edge_points(
     inverse: Array,
     live_rings: NDArray[np.bool_],
     live_columns: NDArray[np.bool_],
+    wide: NDArray[np.bool_],
     elevation: Array,
     column_step: float,
     turn: bool,
@@ -184,12 +190,14 @@ def edge_points(
                 dj = 1 - 2 * direction if direction < 2 else 0
                 if 0 <= i + di < rings and 0 <= j + dj < columns and labels[i + di, j + dj] == label:
                     continue
-                ni, nj, seen = look(points, live_rings, live_columns, turn, i, j, di, dj)
+                ni, nj, seen = look(points, live_rings, live_columns, wide, turn, i, j, di, dj)
                 if ni < 0 or labels[ni, nj] == label or count == len(owners):
                     continue
                 a, p = inverse[label], points[i, j]
                 rp = np.sqrt(np.float64(p[0]) * p[0] + p[1] * p[1] + p[2] * p[2])
                 u0, u1, u2 = p[0] / rp, p[1] / rp, p[2] / rp
+                norm = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+                cosine = (a[0] * u0 + a[1] * u1 + a[2] * u2) / norm
                 if seen:
                     q = points[ni, nj]
                     rq = np.sqrt(np.float64(q[0]) * q[0] + q[1] * q[1] + q[2] * q[2])
@@ -197,9 +205,12 @@ def edge_points(
                     facing = a[0] * w0 + a[1] * w1 + a[2] * w2
                     if facing <= 0.0 or rq < max(1.0 / facing, rp) + farther:
                         continue
+                    # A surface seen flatly that only bends away is off its plane along the ray
+                    # long before it is across.
+                    if cosine < FLAT_COSINE and rq * facing - 1.0 < farther * norm:
+                        continue
                 else:
-                    norm = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
-                    if (a[0] * u0 + a[1] * u1 + a[2] * u2) / norm < GRAZING_COSINE:
+                    if cosine < GRAZING_COSINE:
                         continue
                     azimuth = np.arctan2(u1, u0) + dj * column_step
                     height = np.arctan2(u2, np.sqrt(u0 * u0 + u1 * u1))
@@ -222,6 +233,7 @@ def look(
     points: Floats,
     live_rings: NDArray[np.bool_],
     live_columns: NDArray[np.bool_],
+    wide: NDArray[np.bool_],
     turn: bool,
     i: int,
     j: int,
@@ -237,6 +249,8 @@ def look(
     ni, nj = i, j
     for step in range(LOOK_PIXELS):
         ni, nj = ni + di, nj + dj
+        if di != 0 and 0 <= ni < rings and wide[min(ni, ni - di)]:
+            return -1, -1, False
         if turn:
             nj = nj - columns if nj >= columns else (nj + columns if nj < 0 else nj)
         if ni < 0 or ni >= rings or nj < 0 or nj >= columns:
