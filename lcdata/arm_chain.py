@@ -62,6 +62,27 @@ class Chain:
         """(N, 4, 4) `T_base_effector` of (N, n) joint positions, offsets included."""
         return self.frames(positions)[0][:, -1]
 
+    def jacobians(self, positions: ArrayLike) -> tuple[Array, Array]:
+        """Effector poses and their Jacobians, as `Arm.jacobian` defines them.
+
+        Args:
+            positions: (N, n) rad or m, offsets included.
+
+        Returns:
+            (N, 4, 4) `T_base_effector` and (N, 6, n) Jacobians in the effector's own axes,
+            translation then rotation.
+        """
+        before, _ = self.frames(positions)
+        effector, axes = before[:, -1], before[:, :-1, :3, 2]
+        arms = effector[:, None, :3, 3] - before[:, :-1, :3, 3]
+        slides = self.slides[:, None]
+        linear = np.where(slides, axes, np.cross(axes, arms))
+        angular = np.where(slides, 0.0, axes)
+        R = effector[:, :3, :3]
+        return effector, np.concatenate(
+            [np.einsum("nji,nkj->nik", R, part) for part in (linear, angular)], axis=1
+        )
+
 
 def _motion(values: Array, slides: bool) -> Array:
     motion = np.zeros((len(values), 4, 4))

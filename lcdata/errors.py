@@ -56,6 +56,10 @@ class CalibrationError(LcdataError):
     """A method that is unknown, or pairs that it cannot work on."""
 
 
+class GroundTruthError(LcdataError):
+    """Poses, estimates or readings that do not determine what was asked of them."""
+
+
 class SimulationError(LcdataError):
     """A simulation that cannot be made as asked."""
 

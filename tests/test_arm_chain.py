@@ -49,7 +49,10 @@ def test_the_chain_and_the_kernels_equal_pinocchio(make, request):
     poses = np.array([arm.forward(row) for row in q])
     jacobians = np.array([arm.jacobian(row) for row in q])
     expected = np.einsum("nik,nk,njk->nij", jacobians, std**2, jacobians)
-    np.testing.assert_allclose(arm.chain().forward(arm.with_offsets(q)), poses, atol=1e-12)
+    chain = arm.chain()
+    np.testing.assert_allclose(chain.forward(arm.with_offsets(q)), poses, atol=1e-12)
+    for ours, theirs in zip(chain.jacobians(arm.with_offsets(q)), (poses, jacobians), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
     np.testing.assert_allclose(arm.forward_many(q), poses, atol=1e-12)
     many, covariances = arm.covariance_many(q, std)
     np.testing.assert_allclose(many, poses, atol=1e-12)
