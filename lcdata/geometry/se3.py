@@ -154,7 +154,7 @@ def check_transform(T: Any, name: str = "transform") -> Array:
         )
     U, _, Vt = np.linalg.svd(R)
     T[:3, :3] = U @ Vt
-    return T
+    return np.asarray(T)
 
 
 def rotation_error(T_estimate: ArrayLike, T_reference: ArrayLike) -> float:
@@ -191,4 +191,5 @@ def sigma_distance(T_estimate: ArrayLike, T_reference: ArrayLike, covariance: Ar
     if not (np.isfinite(covariance).all() and np.isfinite(T_estimate).all()):
         return float("nan")
     twist = log(T_estimate @ inverse(T_reference))
-    return float(np.sqrt(max(0.0, twist @ np.linalg.pinv(covariance, hermitian=True) @ twist)))
+    squared = float(twist @ np.linalg.pinv(covariance, hermitian=True) @ twist)
+    return float(np.sqrt(max(0.0, squared)))
