@@ -50,16 +50,22 @@ def log_arm(recording: rr.RecordingStream, arm: Arm) -> None:
     import rerun as rr
 
     tree = _tree(arm)
-    recording.send_chunks(tree.stream(include_joint_transforms=False))
+    solids: dict[str, Any] = {
+        "Cylinders3D:lengths": rr.Cylinders3D,
+        "Boxes3D:half_sizes": rr.Boxes3D,
+        "Ellipsoids3D:half_sizes": rr.Ellipsoids3D,
+    }
+    chunks = tree.stream(include_joint_transforms=False).to_chunks()
+    recording.send_chunks(chunks)
+    for chunk in chunks:  # simple shapes are wire frames unless told otherwise
+        for shape in solids.keys() & chunk.to_record_batch().schema.names:
+            solid = solids[shape].from_fields(fill_mode="solid")
+            recording.log(chunk.entity_path, solid, static=True)
     moving = set(arm.joint_names)
     for joint in tree.joints():
         if joint.name not in moving:
             transform = joint.compute_transform(0.0, clamp=False)
             recording.log(f"{names.JOINTS}/{joint.name}", transform, static=True)
-    solid = rr.Cylinders3D.from_fields(fill_mode="solid")
-    links = [tree.root_link(), *(tree.get_joint_child(joint) for joint in tree.joints())]
-    for path in (path for link in links for path in tree.get_visual_geometry_paths(link)):
-        recording.log(path, solid, static=True)
 
 
 def send_joints(
