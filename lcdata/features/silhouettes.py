@@ -20,7 +20,7 @@ Indices = NDArray[np.intp]
 
 STEP_M, STEP_SIGMA = 0.1, 5.0
 """How much farther the outside must be, in metres and in standard deviations of range."""
-FLAT_COSINE = 0.3
+FLAT_COSINE = 0.5
 """Flatter than this, it must be that much farther across the surface too."""
 LARGEST_RING_GAP = 2.0
 """Rings farther apart than this, in typical gaps, are not neighbours."""
@@ -28,6 +28,8 @@ LOOK_PIXELS = 3
 """Missing returns in a row that are sky and not dropouts."""
 GRAZING_COSINE = 0.15
 """Where nothing came back beyond a surface seen flatter than this, its edge is the reach."""
+LOWEST_SKY = np.radians(-2.0)
+"""No return below the horizon is a dark or wet surface, not the open sky."""
 TRIALS = 60
 EPSILON_BEAMS = 0.15
 """Roughness of real edges, in beams, on top of the half beam."""
@@ -209,8 +211,11 @@ def edge_points(
                     # long before it is across.
                     if cosine < FLAT_COSINE and rq * facing - 1.0 < farther * norm:
                         continue
+                    # A ring with a bias of its own, not an edge: the plane goes on behind it.
+                    if di != 0 and resumes(labels, label, ni, nj, di):
+                        continue
                 else:
-                    if cosine < GRAZING_COSINE:
+                    if cosine < GRAZING_COSINE or elevation[ni] < LOWEST_SKY:
                         continue
                     azimuth = np.arctan2(u1, u0) + dj * column_step
                     height = np.arctan2(u2, np.sqrt(u0 * u0 + u1 * u1))
@@ -226,6 +231,18 @@ def edge_points(
                 halves[count, 2] = 0.5 * (w2 - u2)
                 count += 1
     return owners[:count].copy(), rays[:count].copy(), halves[:count].copy()
+
+
+@compiled
+def resumes(labels: Labels, label: int, i: int, j: int, di: int) -> bool:
+    """Whether a label comes back within the next pixels of a column."""
+    for _ in range(LOOK_PIXELS):
+        i += di
+        if i < 0 or i >= len(labels):
+            return False
+        if labels[i, j] == label:
+            return True
+    return False
 
 
 @compiled
