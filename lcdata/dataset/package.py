@@ -12,7 +12,7 @@ import numpy as np
 
 from lcdata.arm import Arm
 from lcdata.dataset.journal import Journal
-from lcdata.dataset.packing import write_pairs
+from lcdata.dataset.packing import grouped, write_pairs
 from lcdata.dataset.schema import PairRecord, PoseRecord, Scenario
 from lcdata.errors import ArmError, GeometryError, RecordingError
 from lcdata.geometry.camera import Camera
@@ -102,7 +102,7 @@ def package(
         journal=journal,
         progress=progress,
     )
-    unpaired = [f"{recording.path}: {plan.pose_id}: {plan.reason}" for plan in plans if plan.reason]
+    unpaired = {plan.pose_id: plan.reason for plan in plans if plan.reason}
     return Part(
         scenario,
         [
@@ -111,7 +111,7 @@ def package(
             if p.pose_id in truths
         ],
         pairs,
-        [*recording.problems, *unpaired, *without_truth, *unusable],
+        [*recording.problems, *grouped(recording.path, unpaired | without_truth), *unusable],
     )
 
 
@@ -121,15 +121,15 @@ def _ground_truth(
     arm: Arm | None,
     plans: Sequence[PosePlan],
     scenario: Scenario,
-) -> tuple[dict[str, PoseTruth], list[str]]:
-    """Ground truth by pose_id, and why poses have none, a line each."""
+) -> tuple[dict[str, PoseTruth], dict[str, str]]:
+    """Ground truth by pose_id, and why others have none."""
     if arm is None:
         extrinsic = None
         if rig.T_camera_lidar is None:
             extrinsic = static_extrinsic(recording, scenario.camera_frame, scenario.lidar_frame)
-        return {plan.pose_id: static_truth(rig, extrinsic) for plan in plans}, []
+        return {plan.pose_id: static_truth(rig, extrinsic) for plan in plans}, {}
     truths: dict[str, PoseTruth] = {}
-    failures: list[str] = []
+    failures: dict[str, str] = {}
     for plan in plans:
         dwell = plan.dwell
         assert dwell is not None
@@ -138,7 +138,7 @@ def _ground_truth(
                 rig, arm, dwell.positions_mean, dwell.positions_std, dwell.samples
             )
         except ArmError as error:
-            failures.append(f"{recording.path}: {plan.pose_id}: {error}")
+            failures[plan.pose_id] = str(error)
     return truths, failures
 
 

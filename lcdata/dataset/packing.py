@@ -7,8 +7,9 @@ not stop the reading. Few pairs are under way at a time, which bounds the memory
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 from lcdata.dataset.journal import Journal
@@ -23,6 +24,8 @@ from lcdata.recording.topics import Topics
 
 WRITERS = 2
 UNDER_WAY = 4
+NAMED = 5
+"""How many pairs or poses a line names that have failed for the same reason."""
 
 
 def write_pairs(
@@ -62,7 +65,7 @@ def write_pairs(
         if planned.get(pair_id) == (record.stamp_lidar_ns, record.stamp_image_ns)
         and is_whole(journal.folder, record)
     }
-    failures: list[str] = []
+    unusable: dict[str, str] = {}
     lost = set(planned) - set(records)
     under_way: deque[tuple[str, Future[PairRecord]]] = deque()
 
@@ -72,9 +75,9 @@ def write_pairs(
             records[pair_id] = future.result()
             journal.add(records[pair_id])
         except MessageError as error:
-            failures.append(f"{recording.path}: {pair_id}: {error}")
+            unusable[pair_id] = str(error)
         if progress:
-            progress(stage, len(records) + len(failures), len(planned))
+            progress(stage, len(records) + len(unusable), len(planned))
 
     if progress:
         progress(stage, len(records), len(planned))
@@ -82,7 +85,7 @@ def write_pairs(
     try:
         for pair in stream_pairs(recording, topics, plans, skip=records) if lost else ():
             lost.discard(pair.pair_id)
-            future = pool.submit(write_pair, journal.folder, recording.scenario, pair, camera)
+            future = pool.submit(write_pair, journal.folder, pair, topics, camera)
             under_way.append((pair.pair_id, future))
             if len(under_way) >= UNDER_WAY:
                 collect()
@@ -90,11 +93,28 @@ def write_pairs(
             collect()
     finally:  # also on Ctrl-C: what has begun is completed, nothing is begun any more
         pool.shutdown(cancel_futures=True)
-    failures += [f"{recording.path}: {name}: its messages cannot be read" for name in sorted(lost)]
-    return list(records.values()), failures
+    unusable |= dict.fromkeys(sorted(lost), "its messages cannot be read")
+    return list(records.values()), grouped(recording.path, unusable)
 
 
-def write_pair(folder: Path, scenario: str, pair: RecordedPair, camera: Camera) -> PairRecord:
+def grouped(path: Path, reasons: Mapping[str, str]) -> list[str]:
+    """A line for each reason, with the first few of those whom it concerns.
+
+    Args:
+        path: The recording.
+        reasons: Reason by pair or pose.
+    """
+    concerned: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        concerned.setdefault(reason, []).append(name)
+    return [
+        f"{path}: {', '.join(names[:NAMED])}"
+        f"{f' and {len(names) - NAMED} more' if len(names) > NAMED else ''}: {reason}"
+        for reason, names in concerned.items()
+    ]
+
+
+def write_pair(folder: Path, pair: RecordedPair, topics: Topics, camera: Camera) -> PairRecord:
     """Write both files of a pair.
 
     Raises:
@@ -103,17 +123,20 @@ def write_pair(folder: Path, scenario: str, pair: RecordedPair, camera: Camera) 
         DatasetError: The disk is full, or cannot be written.
     """
     pair_id, cloud, image = pair.pair_id, pair.cloud, pair.image
-    data, suffix = image.encoded()
-    if (image.width, image.height) != (camera.width, camera.height):
-        raise MessageError(
-            f"image of {image.width}x{image.height}, the camera has {camera.width}x{camera.height}",
-            "give the camera of these images in the rig",
-        )
-    cloud_name, cloud_sha256, points = write_cloud(folder, pair_id, cloud)
+    with _about(topics.image):
+        data, suffix = image.encoded()
+        if (image.width, image.height) != (camera.width, camera.height):
+            raise MessageError(
+                f"image of {image.width}x{image.height}, the camera has "
+                f"{camera.width}x{camera.height}",
+                "give the camera of these images in the rig",
+            )
+    with _about(topics.lidar):
+        cloud_name, cloud_sha256, points = write_cloud(folder, pair_id, cloud)
     image_name, image_sha256 = write_image(folder, pair_id, data, suffix)
     return PairRecord(
         pair_id=pair_id,
-        scenario=scenario,
+        scenario=pair.pose.pose_id.rpartition("/")[0],
         pose_id=pair.pose.pose_id,
         stamp_lidar_ns=cloud.stamp_ns,
         stamp_image_ns=image.stamp_ns,
@@ -124,6 +147,15 @@ def write_pair(folder: Path, scenario: str, pair: RecordedPair, camera: Camera) 
         cloud_sha256=cloud_sha256,
         points=points,
     )
+
+
+@contextmanager
+def _about(topic: str) -> Iterator[None]:
+    """Name the topic in an error of one of its messages."""
+    try:
+        yield
+    except MessageError as error:
+        raise MessageError(f"topic {topic}: {error.message}", error.remedy) from error
 
 
 def is_whole(folder: Path, record: PairRecord) -> bool:

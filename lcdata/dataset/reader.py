@@ -58,8 +58,8 @@ class Dataset:
             poses = [PoseRecord.from_row(row) for row in _rows(path / schema.POSES, PoseRecord)]
         except (GeometryError, TypeError, ValueError) as error:
             raise DatasetError(f"{path / schema.POSES}: damaged ({error})") from error
-        pairs.sort(key=lambda record: record.pair_id)
-        poses.sort(key=lambda record: record.pose_id)
+        pairs.sort(key=lambda record: schema.in_order(record.pair_id))
+        poses.sort(key=lambda record: schema.in_order(record.pose_id))
         return cls(path, info, tuple(pairs), tuple(poses))
 
     def __len__(self) -> int:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -240,11 +241,16 @@ def groundtruth_version(poses: Sequence[PoseRecord]) -> str:
         12 hexadecimal digits.
     """
     digest = hashlib.sha256()
-    for pose in sorted(poses, key=lambda pose: pose.pose_id):
+    for pose in sorted(poses, key=lambda pose: in_order(pose.pose_id)):
         digest.update(pose.pose_id.encode())
         for values in (se3.to_xyz_xyzw(pose.T_camera_lidar), pose.covariance):
             digest.update(np.ascontiguousarray(values, "<f8").tobytes())
     return digest.hexdigest()[:12]
+
+
+def in_order(name: str) -> list[str | int]:
+    """Sorting key of pair and pose ids: their numbers count as numbers, 1000 after 999."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
 def pairs_table(records: Sequence[PairRecord]) -> Any:

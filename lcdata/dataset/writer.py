@@ -69,12 +69,10 @@ def write_index(
     version = schema.groundtruth_version(poses)
     info = replace(info, groundtruth_version=version)
     poses = [replace(pose, groundtruth_version=version) for pose in poses]
-    atomic.write_parquet(
-        folder / schema.POSES, schema.poses_table(sorted(poses, key=lambda pose: pose.pose_id))
-    )
-    atomic.write_parquet(
-        folder / schema.PAIRS, schema.pairs_table(sorted(pairs, key=lambda pair: pair.pair_id))
-    )
+    pairs = sorted(pairs, key=lambda pair: schema.in_order(pair.pair_id))
+    poses = sorted(poses, key=lambda pose: schema.in_order(pose.pose_id))
+    atomic.write_parquet(folder / schema.POSES, schema.poses_table(poses))
+    atomic.write_parquet(folder / schema.PAIRS, schema.pairs_table(pairs))
     atomic.write_json(folder / schema.INFO, info.to_dict())
     return info
 

@@ -170,7 +170,7 @@ def no_return(number: int, message: Any) -> Any:
 @pytest.mark.parametrize(
     ("stream", "words"),
     [
-        (pictures(other_size), "image of 32x24, the camera has 64x48"),
+        (pictures(other_size), "topic /image/compressed: image of 32x24, the camera has 64x48"),
         (pictures(not_an_image), "neither JPEG nor PNG"),
         (clouds(no_return), "none of them finite"),
     ],
@@ -211,12 +211,25 @@ def test_joints_outside_their_limits_cost_the_pose(tmp_path: Path) -> None:
     assert validate(tmp_path / "out") == []
 
 
+def of_another_size(topic: str, number: int, message: Any) -> Any:
+    """All images are of another size than CameraInfo."""
+    if topic == "/image/compressed":
+        message.data = np.frombuffer(runs.jpeg(0, 32, 24), np.uint8)
+    return message
+
+
 @pytest.mark.parametrize(
     ("rig", "stream", "error", "words"),
     [
         (runs.RIG + "pairing: {tolerance_ms: 1}\n", runs.run(), RecordingError, "7 ms away"),
         (runs.RIG + "topics: {lidar: /nope}\n", runs.run(), TopicError, "/points"),
         (runs.STATIC, runs.still(tf=False), RecordingError, "T_camera_lidar"),
+        (
+            runs.RIG,
+            runs.run(change=of_another_size),
+            DatasetError,
+            r"and \d+ more: topic /image.*32x24",
+        ),
         (runs.RIG, runs.still(), TopicError, "joint"),
         (runs.RIG + "colour: red\n", runs.run(), RigError, "colour"),
     ],

@@ -209,3 +209,8 @@ def test_versions_name_the_values() -> None:
     other = [small.pose("a/pose_000", 0), small.pose("a/pose_001", 2)]
     assert schema.groundtruth_version(poses) == schema.groundtruth_version(poses[::-1])
     assert schema.groundtruth_version(poses) != schema.groundtruth_version(other)
+
+
+def test_numbers_in_names_count_as_numbers() -> None:
+    names = [f"run_{k}/pose_{p:03}/{n:03}" for k in (9, 10) for p in (0, 1) for n in (999, 1000)]
+    assert sorted(set(names), key=schema.in_order) == names
