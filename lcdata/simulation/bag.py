@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +28,7 @@ JOINTS = "/my_gen3_lite/joint_states"
 TF_STATIC = "/tf_static"
 CAMERA_FRAME = "zed2i_left_camera_optical_frame"
 
+_LEVEL = 15
 _TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 _POINT_TYPES = {"<f4": 7, "<u2": 4, "<u4": 6}
 
@@ -52,7 +55,7 @@ class Bag:
             raise SimulationError(
                 f"unknown recording format {format!r}", f"choose from {', '.join(FORMATS)}"
             )
-        self._ros1 = format == "ros1"
+        self._ros1, self._mcap = format == "ros1", format == "mcap"
         self._store: Any = get_typestore(Stores.ROS1_NOETIC if self._ros1 else Stores.ROS2_HUMBLE)
         if _TF_MESSAGE not in self._store.types:
             definition = "geometry_msgs/TransformStamped[] transforms"
@@ -72,6 +75,8 @@ class Bag:
 
     def __enter__(self) -> Bag:
         self._writer.open()
+        if self._mcap:  # samples are kept in the repository; rosbags offers no other level than 3
+            self._writer.storage.compressor = partial(_zstd().compress, level=_LEVEL)
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -206,6 +211,14 @@ class Bag:
         ]
         message = self._type(_TF_MESSAGE)(transforms=stamped)
         self._write(TF_STATIC, _TF_MESSAGE, bag_ns, message)
+
+
+def _zstd() -> Any:
+    """Zstandard: in the standard library from Python 3.14 on, before that from rosbags' needs."""
+    try:
+        return import_module("compression.zstd")
+    except ModuleNotFoundError:
+        return import_module("backports.zstd")
 
 
 def _raw(image: NDArray[np.uint8], format: str) -> NDArray[np.uint8]:

@@ -23,7 +23,7 @@ STAGGER_DEG = (4.23, 1.41, -1.41, -4.23)
 MIN_RANGE_M, MAX_RANGE_M = 0.3, 120.0
 SCAN_NS = 100_000_000
 _BEAM_STD_DEG = 0.025
-_GRID_M = 2.0**-11
+_GRID_M = 2.0**-9
 
 POINT = np.dtype(
     {
@@ -106,7 +106,7 @@ class Ouster:
         """
         origin, direction, t, inside = self.beams()
         records = np.zeros(len(t), POINT)
-        records["t"] = t
+        records["t"] = np.where(inside, t, 0)  # nothing is sent of columns outside the window
         records["ring"] = np.repeat(np.arange(RINGS), self.columns)
         origin, direction, n = origin[inside], direction[inside], int(inside.sum())
         aim = direction
@@ -135,7 +135,7 @@ class Ouster:
             spread = 0.008 + 0.0005 * safe + 0.002 / np.sqrt(np.maximum(signal, 0.002) * 20)
             distance = distance + rng.normal(size=n) * spread
             signal = signal * np.maximum(0.0, 1 + rng.normal(scale=0.06, size=n))
-            ambient = ambient + rng.normal(scale=6, size=n)
+            ambient = ambient + rng.normal(scale=3, size=n)
         millimetres = np.rint(1000 * distance).astype(np.uint32)
         xyz = origin + (millimetres[:, None] / 1000) * direction
         if self.noisy:  # finer than any noise, and coordinates that compress

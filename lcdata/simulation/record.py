@@ -26,7 +26,7 @@ from lcdata.simulation.world import World
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-JOINT_NAMES_ORDER = (3, 0, None, 1, 5, 2, 4)
+_NAMES_ORDER = (3, 0, None, 1, 5, 2, 4)
 """Drivers name joints in no special order, with the gripper's finger (None) among them."""
 FINGER = "right_finger_bottom_joint"
 
@@ -48,7 +48,7 @@ def simulate(
     columns: int = 2048,
     azimuth_window_deg: float | None = None,
     image_format: str = "jpeg",
-    quality: int = 90,
+    quality: int = 85,
     width: int = 1280,
     height: int = 720,
     rig: Path | Rig | None = None,
@@ -65,7 +65,7 @@ def simulate(
         out: The folder; made if missing.
         scenario: One or several of parking_lot, gym, yard; each becomes one recording.
         poses: Arm poses (dwells).
-        pairs: Pairs of a scan and an image in each dwell. One more is taken on each way.
+        pairs: Pairs of a scan and an image in each dwell. A few more are taken as the arm moves.
         seed: Same seed, same recording.
         format: ros1, mcap or sqlite3.
         columns: LiDAR columns a turn: 512, 1024 or 2048.
@@ -162,9 +162,7 @@ def _messages(
     times = times + rng.uniform(0, 3e-4, len(times))
     joint_ns, joint_bag = arm_clock.stamps(start_ns, times, rng)
     readings = _encoders(world, schedule, times, offsets, rng)
-    order = (
-        JOINT_NAMES_ORDER if len(world.arm.joint_names) == 6 else (None, *range(readings.shape[1]))
-    )
+    order = _NAMES_ORDER if len(world.arm.joint_names) == 6 else (None, *range(readings.shape[1]))
     joint_names = [FINGER if k is None else world.arm.joint_names[k] for k in order]
     finger = np.full((len(times), 1), 0.41)
     readings = np.hstack([finger if k is None else readings[:, [k]] for k in order])

@@ -90,37 +90,49 @@ def build(rng: Rng) -> Scene:
 
 
 def _house(rng: Rng, front: float, left: float, right: float) -> Parts:
-    """The back of the house: bricks below, stucco above, door with steps, a roof that overhangs."""
+    """The back of the house: bricks below, stucco above, steps, bay, balcony, a roof overhead."""
     width = left - right + 4
-    door = rng.uniform(4.0, width - 5.5)
+    door = rng.uniform(0.42, 0.5) * width
+    bay = door + rng.uniform(2.0, 2.6)
+    frame = props.DARK_STEEL if rng.uniform() < 0.5 else props.WHITE
     openings = [(door, 0.45, door + 1.0, 2.5)]
-    for x in (1.9, door - 2.1, door + 1.9, width - 3.0):
-        if all(x > o[2] + 0.2 or x + 1.2 < o[0] - 0.2 for o in openings) and 0.5 < x < width - 1.8:
-            openings.append((x, 1.15, x + 1.2, 2.4))
-    lower = wall(width, 2.9, props.RED_BRICK, openings, 0.15, props.GLASS, props.WHITE)
+    openings += [(x, 1.15, x + 1.2, 2.4) for x in (door - 4.2, door - 2.0) if x > 0.5]
+    lower = wall(width, 2.9, props.RED_BRICK, openings, 0.15, props.GLASS, frame)
     upper_windows = [(x, 0.7, x + 1.1, 1.8) for x in np.arange(1.2, width - 2, 2.7)]
-    upper = wall(width, 2.6, STUCCO, upper_windows, 0.18, props.GLASS, props.WHITE)
-    parts = (
-        lower
-        + place(upper, (0, 0, 2.9))
-        + box((width, 0.12, 0.2), props.WHITE, (width / 2, -0.02, 2.8))
-    )
+    upper = wall(width, 2.6, STUCCO, upper_windows, 0.1, props.GLASS)
+    parts = lower + place(upper, (0, 0, 2.9))
     parts += box((1.0, 0.08, 2.05), GREEN_PAINT, (door + 0.5, 0.1, 0.45))
     for x0, z0, x1, _ in openings[1:]:
         parts += box((x1 - x0 + 0.2, 0.24, 0.07), props.CONCRETE, ((x0 + x1) / 2, -0.05, z0 - 0.07))
+    parts += box((2.0, 1.6, 2.55), STUCCO, (bay + 1.0, 0, 0))
+    parts += box((2.3, 1.95, 0.12), props.CONCRETE, (bay + 1.0, 0, 2.55))
+    parts += box((1.3, 0.02, 1.2), props.GLASS, (bay + 1.0, -0.81, 0.95))
+    parts += _balcony(door - rng.uniform(2.4, 3.2))
     treads = props.steps(3, 1.6, 0.15, 0.32, props.CONCRETE)
     parts += place(treads, (door + 0.5, -0.96, 0), np.pi / 2)
     for x in (door - 0.28, door + 1.28):
         for y in (-0.9, -0.1):
             parts += cylinder((x, y, 0), (x, y, 1.15 + 0.4 * (y > -0.5)), 0.022, props.STEEL)
         parts += cylinder((x, -0.9, 1.15), (x, -0.1, 1.55), 0.022, props.STEEL)
-    parts += quad(
-        [0, -0.6, 5.35], [width, -0.6, 5.35], [width, 3.5, 7.8], [0, 3.5, 7.8], ROOF_TILES
-    )
+    eaves, ridge = (-0.6, 5.35), (3.5, 7.8)
+    parts += quad([0, *eaves], [width, *eaves], [width, *ridge], [0, *ridge], ROOF_TILES)
     parts += cylinder((0, -0.62, 5.32), (width, -0.62, 5.32), 0.07, props.STEEL)
     pipe = rng.uniform(0.6, 1.4)
     parts += cylinder((pipe, -0.08, 0), (pipe, -0.08, 5.3), 0.05, props.STEEL)
     return place(parts, (front, left + 2, 0), -np.pi / 2)
+
+
+def _balcony(x: float) -> Parts:
+    """A slab with a railing on the house's wall, 2.6 m wide from `x`."""
+    parts = box((2.6, 1.1, 0.16), props.CONCRETE, (x + 1.3, -0.55, 2.86))
+    for at in (x + 0.05, x + 2.55):
+        parts += beam((at, -1.05, 3.02), (at, 0, 3.02), 0.05, props.DARK_STEEL)
+        parts += beam((at, -1.05, 3.95), (at, 0, 3.95), 0.05, props.DARK_STEEL)
+    for z in (3.1, 3.95):
+        parts += beam((x, -1.05, z), (x + 2.6, -1.05, z), 0.05, props.DARK_STEEL)
+    for at in np.arange(x + 0.05, x + 2.6, 0.125):
+        parts += beam((at, -1.05, 3.0), (at, -1.05, 3.95), 0.018, props.DARK_STEEL)
+    return parts
 
 
 def _fence(length: float) -> Parts:
