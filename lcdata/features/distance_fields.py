@@ -106,7 +106,7 @@ def _splat(lines, stride, truncation, angle_reach, table):  # type: ignore[no-un
                         table[b, row, column] = np.uint8(value)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True, error_model="numpy")
 def chamfer(  # type: ignore[no-untyped-def]  # noqa: PLR0917
     poses, segments, weights, samples, table, stride, intrinsics, costs
 ):
@@ -123,37 +123,47 @@ def chamfer(  # type: ignore[no-untyped-def]  # noqa: PLR0917
         costs: (P,) in 0..1, added to.
     """
     bins, height, width = table.shape
+    flat = table.reshape(-1)
     # From here on the unit of the image is a cell.
     fx, fy = intrinsics[0] / stride, intrinsics[1] / stride
     cx, cy = (intrinsics[2] + 0.5) / stride, (intrinsics[3] + 0.5) / stride
+    right, bottom = width - cx, height - cy
     for k in range(poses.shape[0]):
         r00, r01, r02, r10, r11, r12, r20, r21, r22, px, py, pz = poses[k]
         cost = 0.0
         for m in range(segments.shape[0]):
             x, y, z = segments[m, 0]
-            ax = r00 * x + r01 * y + r02 * z + px
-            ay = r10 * x + r11 * y + r12 * z + py
+            ax = fx * (r00 * x + r01 * y + r02 * z + px)
+            ay = fy * (r10 * x + r11 * y + r12 * z + py)
             az = r20 * x + r21 * y + r22 * z + pz
             x, y, z = segments[m, 1]
-            vx = r00 * x + r01 * y + r02 * z + px - ax
-            vy = r10 * x + r11 * y + r12 * z + py - ay
-            vz = r20 * x + r21 * y + r22 * z + pz - az
-            if az < NEAR and az + vz < NEAR:
+            bx = fx * (r00 * x + r01 * y + r02 * z + px)
+            by = fy * (r10 * x + r11 * y + r12 * z + py)
+            bz = r20 * x + r21 * y + r22 * z + pz
+            if (
+                (az < NEAR and bz < NEAR)
+                or (ax < -cx * az and bx < -cx * bz)
+                or (ay < -cy * az and by < -cy * bz)
+                or (ax > right * az and bx > right * bz)
+                or (ay > bottom * az and by > bottom * bz)
+            ):
                 cost += OUTSIDE_COST * weights[m]
                 continue
+            vx, vy, vz = bx - ax, by - ay, bz - az
             # Direction of the projected line l = K_l (a x v): (-l2, l1).
-            angle = np.arctan2(fy * (ay * vz - az * vy), fx * (ax * vz - az * vx))
-            b = int(angle * (bins / np.pi) + bins) % bins
-            total = 0.0
+            angle = np.arctan2(ay * vz - az * vy, ax * vz - az * vx)
+            offset = int(angle * (bins / np.pi) + bins) % bins * height * width
+            total = 0
+            outside = 0
             for i in range(samples):
                 t = (i + 0.5) / samples
                 z = az + t * vz
-                value = OUTSIDE_COST
-                if z >= NEAR:
-                    u = fx * (ax + t * vx) / z + cx
-                    v = fy * (ay + t * vy) / z + cy
-                    if u >= 0.0 and v >= 0.0 and u < width and v < height:
-                        value = table[b, int(v), int(u)] * (1.0 / 255.0)
-                total += value
-            cost += weights[m] * total / samples
+                inverse = 1.0 / z
+                u = (ax + t * vx) * inverse + cx
+                v = (ay + t * vy) * inverse + cy
+                if z >= NEAR and u >= 0.0 and v >= 0.0 and u < width and v < height:
+                    total += flat[np.uint64(offset + int(v) * width + int(u))]
+                else:
+                    outside += 1
+            cost += weights[m] * (total * (1.0 / 255.0) + OUTSIDE_COST * outside) / samples
         costs[k] += cost

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lcdata.features.cloud_lines import extract_cloud_lines
 from lcdata.features.distance_fields import FIELDS, DistanceFields, distance_fields
 from lcdata.features.image_lines import extract_image_lines
+from lcdata.features.paint_lines import extract_paint_lines
 from lcdata.geometry.camera import Camera
 from lcdata.pair import Pair
 
@@ -42,11 +43,12 @@ class LineFeatures:
         return float(np.sqrt(fx * fy))
 
 
-def extract_line_features(pair: Pair) -> LineFeatures:
+def extract_line_features(pair: Pair, paint: bool = True) -> LineFeatures:
     """Detect the lines of a pair.
 
     Args:
-        pair: Points may contain NaN; fewer than three points give no cloud lines.
+        pair: Points may contain NaN; a cloud that is no scan has no lines.
+        paint: Also take borders of paint from the intensity, if there is one.
     """
     gray = pair.image if pair.image.ndim == 2 else cv2.cvtColor(pair.image, cv2.COLOR_RGB2GRAY)
     camera = pair.camera.undistorted()
@@ -56,9 +58,16 @@ def extract_line_features(pair: Pair) -> LineFeatures:
         gray = pair.camera.undistort(gray)
     image_lines = extract_image_lines(gray, valid=valid)
     cloud = extract_cloud_lines(pair.points, organised=pair.organised, ring=pair.ring)
+    segments, sigma = cloud.segments, cloud.std
+    if paint:
+        painted, painted_sigma = extract_paint_lines(
+            pair.points, pair.intensity, pair.organised, pair.ring
+        )
+        segments = np.concatenate([segments, painted])
+        sigma = np.concatenate([sigma, painted_sigma])
     scale = np.sqrt(camera.intrinsics[0] * camera.intrinsics[1]) / 1000.0
     fields = {
         truncation: distance_fields(image_lines, camera, truncation * scale, reach)
         for truncation, reach in FIELDS.items()
     }
-    return LineFeatures(camera, image_lines, cloud.segments, cloud.std, fields)
+    return LineFeatures(camera, image_lines, segments, sigma, fields)
