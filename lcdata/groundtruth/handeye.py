@@ -142,7 +142,9 @@ def _start(problem: Problem) -> State:
     if closed is not None:
         candidates.append(problem.start(*closed))
     if problem.prior is not None:
-        candidates.append(problem.start(problem.prior.T_camera_effector, problem.prior.T_base_lidar))
+        candidates.append(
+            problem.start(problem.prior.T_camera_effector, problem.prior.T_base_lidar)
+        )
     if not candidates:
         raise GroundTruthError(
             "the closed form found no solution for these poses",

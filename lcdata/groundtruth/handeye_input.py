@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 STD_FLOOR = 1e-6
 """Metres and radians: a link that is called exact is known to so much."""
 
-SAME_ARM = (1e-4, 1e-4)
-"""How far (m, rad) T_effector_base may be from the forward kinematics of the joints."""
+SAME_ARM = 1e-4
+"""How far (m and rad) T_effector_base may be from the forward kinematics of the joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,8 @@ def checked(
             if prior is None and len(used) == 2
             else "record more poses",
         )
-    A = np.array([se3.check_transform(A[i], f"T_effector_base[{i}]") for i in range(count)])
-    T = np.array([se3.check_transform(T[i], f"T_camera_lidar[{i}]") for i in used])
+    A = _rigid(A, "T_effector_base", np.arange(count))
+    T = _rigid(T[used], "T_camera_lidar", used)
     if joints is not None:
         _check_joints(joints, A)
     problem = Problem(A, A, _prior(prior), joints).subset(used)
@@ -96,7 +96,10 @@ def closed_form(A: Array, T: Array) -> tuple[Array, Array] | None:
         return None
     try:
         R_lidar_base, t_lidar_base, R, t = cv2.calibrateRobotWorldHandEye(
-            *(list(x) for x in (T[:, :3, :3], T[:, :3, 3], A[:, :3, :3], A[:, :3, 3])),
+            list(T[:, :3, :3]),
+            list(T[:, :3, 3]),
+            list(A[:, :3, :3]),
+            list(A[:, :3, 3]),
             method=cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH,
         )
     except cv2.error:  # rotations that leave a direction open
@@ -120,6 +123,20 @@ def _stack(T: ArrayLike, name: str) -> Array:
     return stack
 
 
+def _rigid(T: Array, name: str, names: NDArray[np.intp]) -> Array:
+    """`se3.check_transform` of a stack, the i-th called name[names[i]]."""
+    R = T[:, :3, :3]
+    apart = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
+    good = (apart <= se3.ROTATION_TOLERANCE) & (np.linalg.det(R) > 0)
+    good &= np.isfinite(T).all(axis=(1, 2)) & (T[:, 3] == [0, 0, 0, 1]).all(axis=1)
+    T = T.copy()
+    for i in np.flatnonzero(~good):
+        T[i] = se3.check_transform(T[i], f"{name}[{names[i]}]")
+    U, _, Vt = np.linalg.svd(T[:, :3, :3])
+    T[:, :3, :3] = U @ Vt
+    return T
+
+
 def _weights(weights: ArrayLike | None, count: int) -> Weights:
     if weights is None:
         return Weights(np.broadcast_to(np.eye(6), (count, 6, 6)), absolute=False)
@@ -134,8 +151,8 @@ def _weights(weights: ArrayLike | None, count: int) -> Weights:
         raise GeometryError(
             f"weights have shape {W.shape} for {count} poses", "give (N,) or covariances (N, 6, 6)"
         )
-    for i in np.flatnonzero(np.isfinite(W).all(axis=(1, 2))):
-        _check_covariance(W[i], f"weights[{i}]")
+    for pose in np.flatnonzero(np.isfinite(W).all(axis=(1, 2))):
+        _check_covariance(W[pose], f"weights[{pose}]")
     return Weights(W, absolute=True)
 
 
@@ -181,11 +198,11 @@ def _check_joints(joints: Joints, A: Array) -> None:
             f"joint velocities of shape {np.shape(joints.velocities)} for {q.shape} positions",
             "give one for each position",
         )
-    for i, (a, b) in enumerate(zip(A, se3.inverse(joints.arm.chain().forward(q)), strict=True)):
+    for pose, (a, b) in enumerate(zip(A, se3.inverse(joints.arm.chain().forward(q)), strict=True)):
         metres, radians = se3.translation_error(a, b), se3.rotation_error(a, b)
-        if metres > SAME_ARM[0] or radians > SAME_ARM[1]:
+        if max(metres, radians) > SAME_ARM:
             raise GroundTruthError(
-                f"T_effector_base[{i}] is {1e3 * metres:.3g} mm and {np.rad2deg(radians):.3g} deg "
-                "off the forward kinematics of its joint positions",
+                f"T_effector_base[{pose}] is {1e3 * metres:.3g} mm and "
+                f"{np.rad2deg(radians):.3g} deg off the forward kinematics of its joint positions",
                 "give the arm, frames and joint offsets that it was computed with",
             )

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcdata.arm import Arm
 from lcdata.errors import GroundTruthError
 from lcdata.geometry import se3
-from lcdata.groundtruth.twists import adjoint_many, left_jacobian_inverse, log_many
+from lcdata.groundtruth.twists import adjoint_many, linearised_log_many, log_many
 from lcdata.rig import Rig
 
 Array = NDArray[np.float64]
@@ -166,8 +166,7 @@ class Problem:
         """Residuals (N, 6) and their Jacobians (N, 6, 12 + extra)."""
         A, J = self.motion(state)
         XA = state.X @ A
-        residuals = log_many(XA @ state.Z @ se3.inverse(self.T))
-        Jl = left_jacobian_inverse(residuals)
+        residuals, Jl = linearised_log_many(XA @ state.Z @ se3.inverse(self.T))
         return residuals, np.concatenate(
             [Jl, Jl @ adjoint_many(XA), -Jl @ se3.adjoint(state.X) @ J], axis=2
         )
@@ -183,9 +182,9 @@ class Problem:
                 (6, state.Z, self.prior.T_base_lidar, self.prior.covariance_base_lidar),
             ):
                 whiten = whitening(covariance)
-                twist = log_many((T @ se3.inverse(measured))[None])
+                twist, Jl = linearised_log_many((T @ se3.inverse(measured))[None])
                 J = np.zeros((6, size))
-                J[:, start : start + 6] = whiten @ left_jacobian_inverse(twist)[0]
+                J[:, start : start + 6] = whiten @ Jl[0]
                 rows.append(whiten @ twist[0])
                 jacobians.append(J)
         return np.concatenate(rows), np.concatenate(jacobians)

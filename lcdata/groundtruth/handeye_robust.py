@@ -62,7 +62,7 @@ def fit(problem: Problem, weights: Weights, state: State) -> Fit:
     everyone = np.ones(len(problem.T), bool)
     for loss in (_huber,) * 3 + (_cauchy,) * 5 if enough else ():
         lengths = noise.update(state, everyone, robust=True)
-        state = _minimise(problem, noise.whiten, loss(lengths), state, iterations=4)
+        state = _minimise(problem, noise.whiten, loss(lengths), state, iterations=1)
     inliers = everyone
     for _ in range(4):
         lengths = noise.update(state, inliers, robust=False)
@@ -78,7 +78,7 @@ def fit(problem: Problem, weights: Weights, state: State) -> Fit:
 
 
 def _huber(lengths: Array) -> Array:
-    return np.minimum(1.0, HUBER / np.maximum(lengths, 1e-300))
+    return np.asarray(np.minimum(1.0, HUBER / np.maximum(lengths, 1e-300)))
 
 
 def _cauchy(lengths: Array) -> Array:
@@ -96,11 +96,12 @@ class _Noise:
 
     def _scaled(self) -> Array:
         t, r = self.std
-        return self.unit / np.repeat([t, r], 3) if not self.absolute else self.unit / t
+        return self.unit / t if self.absolute else self.unit / np.repeat([t, r], 3)
 
     def update(self, state: State, inliers: NDArray[np.bool_], *, robust: bool) -> Array:
         """Learn the noise from residuals; their (N,) lengths in standard deviations."""
-        residuals = np.einsum("nij,nj->ni", self.unit, self.problem.residuals(state))
+        raw = self.problem.residuals(state)
+        residuals = np.einsum("nij,nj->ni", self.unit, raw)
         free = self._freedom(int(inliers.sum()))
         if free > 0 and (self.enough or not (self.absolute or self.problem.prior)):
             parts = (residuals,) if self.absolute else (residuals[:, :3], residuals[:, 3:])
@@ -111,9 +112,7 @@ class _Noise:
                 else (max(STD_FLOOR, stds[0]), max(STD_FLOOR, stds[1]))
             )
             self.whiten = self._scaled()
-        return np.linalg.norm(
-            np.einsum("nij,nj->ni", self.whiten, self.problem.residuals(state)), axis=1
-        )
+        return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", self.whiten, raw), axis=1))
 
     def _freedom(self, count: int) -> float:
         """Share of the residuals' squares that the solution has not taken for itself."""
@@ -144,9 +143,7 @@ def _minimise(
     return minimise(evaluate, State.moved, state, iterations=iterations)
 
 
-def _finish(
-    problem: Problem, noise: _Noise, state: State, inliers: NDArray[np.bool_]
-) -> Fit:
+def _finish(problem: Problem, noise: _Noise, state: State, inliers: NDArray[np.bool_]) -> Fit:
     residuals, J = problem.linearise(state)
     residuals = np.einsum("nij,nj->ni", noise.whiten, residuals)
     J = noise.whiten @ J

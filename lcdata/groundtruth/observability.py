@@ -44,7 +44,7 @@ class Observability:
         """A sentence for each undetermined direction."""
         return tuple(
             f"T_base_lidar against T_camera_effector: rotation about and translation along "
-            f"({', '.join(f'{x + 0.0:.2f}' for x in axis)}) of the base, which the arm turned by "
+            f"{_direction(axis)} of the base, which the arm turned by "
             f"{spread:.2g} deg only"
             for ratio, axis, spread in zip(
                 self.ratios, self.axes_base, self.spread_deg, strict=True
@@ -58,12 +58,15 @@ class Observability:
         if bad == 0:
             return "the arm turned about several axes"
         if bad == 1:
-            axis = self.axes_base[0] * np.sign(self.axes_base[0][np.argmax(abs(self.axes_base[0]))])
-            return (
-                "the arm turned about one axis only: "
-                f"({', '.join(f'{x + 0.0:.2f}' for x in axis)}) of the base"
-            )
+            axis = _direction(self.axes_base[0])
+            return f"the arm turned about one axis only, {axis} of the base"
         return f"the arm hardly turned: {self.spread_deg[-1]:.2g} deg in all"
+
+
+def _direction(axis: Array) -> str:
+    """An axis for people: of v and -v the one whose largest component is positive."""
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    return f"({', '.join(f'{round(x, 2) + 0.0:.2f}' for x in axis)})"
 
 
 def observability(T_effector_base: Array) -> Observability:
