@@ -1,5 +1,7 @@
 """Cloud lines of a full-size simulated scan beside Open3D's normals of the same cloud, one core.
 
+Medians of CPU time, taken in turns after one run of each.
+
 Run with: python benchmarks/cloud_lines.py
 """
 
@@ -31,27 +33,30 @@ def seconds(task: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def main() -> None:
+def compare(scenario: str) -> None:
     import open3d
 
+    pair = render_pair(scenario, columns=2048)
+    # Open3D's tree takes most of a minute on points that are NaN: it gets the others only.
+    seen = pair.points[np.isfinite(pair.points).all(axis=1)].astype(float)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(seen))
+    neighbours = open3d.geometry.KDTreeSearchParamKNN(30)
+    lines = extract_cloud_lines(pair.points, pair.organised)
+    ours, theirs = [], []
+    for _ in range(ROUNDS):
+        ours.append(seconds(lambda: extract_cloud_lines(pair.points, pair.organised)))
+        theirs.append(seconds(lambda: cloud.estimate_normals(neighbours)))
+    mine, other = statistics.median(ours), statistics.median(theirs)
+    print(
+        f"{scenario:12} {len(pair.points)} beams, {len(seen)} returns, {len(lines)} lines:  "
+        f"cloud lines {mine * 1e3:4.0f} ms,  Open3D normals {other * 1e3:5.0f} ms,  "
+        f"ratio {mine / other:.3f} (to reach: {LIMIT})"
+    )
+
+
+def main() -> None:
     for scenario in ("gym", "yard", "parking_lot"):
-        pair = render_pair(scenario, columns=2048)
-        # Open3D's tree takes most of a minute on points that are NaN: it gets the others only.
-        seen = pair.points[np.isfinite(pair.points).all(axis=1)].astype(float)
-        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(seen))
-        neighbours = open3d.geometry.KDTreeSearchParamKNN(30)
-        lines = extract_cloud_lines(pair.points, pair.organised)
-        ours, theirs = [], []
-        for _ in range(ROUNDS):
-            ours.append(seconds(lambda: extract_cloud_lines(pair.points, pair.organised)))
-            theirs.append(seconds(lambda: cloud.estimate_normals(neighbours)))
-        ratio = statistics.median(ours) / statistics.median(theirs)
-        print(
-            f"{scenario:12} {len(pair.points)} beams, {len(seen)} returns, {len(lines)} lines:  "
-            f"cloud lines {statistics.median(ours) * 1e3:4.0f} ms,  "
-            f"Open3D normals {statistics.median(theirs) * 1e3:5.0f} ms,  "
-            f"ratio {ratio:.3f} (to reach: {LIMIT})"
-        )
+        compare(scenario)
 
 
 if __name__ == "__main__":

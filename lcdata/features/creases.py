@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.features.compiled import compiled
-from lcdata.features.planes import Floats, Labels, Planes
+from lcdata.features.planes import Labels, Planes
 from lcdata.features.scan_grid import ScanGrid
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 LOOK_PIXELS = 3
 """How many pixels without a plane may lie between two planes that meet."""
 SMALLEST_SINE = np.sin(np.radians(15.0))
 """Planes closer to parallel than this have no line worth having."""
 LARGEST_GAP_BEAMS = 4.0
+CONTESTED_SIGMA = 4.0
+LARGEST_OFF_BEAMS, LARGEST_APART_BEAMS = 1.5, 2.0
+"""How far a pixel pair may be from the line: as seen, and on the planes."""
 FEWEST_CROSSINGS = 4
 SMALLEST_DENSITY = 0.5
 
@@ -71,14 +77,37 @@ def find_creases(grid: ScanGrid, planes: Planes) -> tuple[Array, Array, NDArray[
 @compiled
 def off_line(p: Floats, other: Array, sine: float) -> float:
     """Distance of a point of one plane from the line in which it meets another, metres."""
-    off = abs(other[0] * p[0] + other[1] * p[1] + other[2] * p[2] - 1.0)
-    return off / (sine * np.sqrt(other[0] ** 2 + other[1] ** 2 + other[2] ** 2))
+    off: float = abs(other[0] * p[0] + other[1] * p[1] + other[2] * p[2] - 1.0)
+    return off / (sine * length(other))
 
 
 @compiled
-def spacing(p: Floats, r: float, a: Array, step: float) -> float:
+def spacing(r: float, a: Array, step: float) -> float:
     """Distance on a plane between beams that are an angle apart, metres."""
-    return step * r * r * np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
+    return step * r * r * length(a)
+
+
+@compiled
+def length(v: Array | Floats) -> float:
+    """Norm of a vector of three."""
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@compiled
+def next_label(labels: Labels, i: int, j: int, down: bool, turn: bool) -> tuple[int, int]:
+    """The next pixel of a ring, or of a column, that has a label; -1, -1 for none near."""
+    for _ in range(LOOK_PIXELS):
+        if down:
+            i += 1
+        else:
+            j += 1
+        if turn and j == labels.shape[1]:
+            j = 0
+        if i == labels.shape[0] or j == labels.shape[1]:
+            return -1, -1
+        if labels[i, j] >= 0:
+            return i, j
+    return -1, -1
 
 
 @compiled
@@ -93,64 +122,43 @@ def crossings(
     rings, columns = labels.shape
     pairs = np.empty((rings * columns, 2), np.int32)
     rays = np.empty((rings * columns, 3))
+    cross, apart, ray = np.empty(3), np.empty(3), np.empty(3)
     count = 0
     for i in range(rings):
         for j in range(columns):
             label = labels[i, j]
             if label < 0:
                 continue
-            for direction in range(2):
-                other = -1
-                ni, nj = i, j
-                for _ in range(LOOK_PIXELS):
-                    if direction == 0:
-                        nj += 1
-                        if nj == columns:
-                            if not turn:
-                                break
-                            nj = 0
-                    else:
-                        ni += 1
-                        if ni == rings:
-                            break
-                    other = labels[ni, nj]
-                    if other >= 0:
-                        break
-                if other < 0 or other == label or count == len(pairs):
+            for down in (False, True):
+                ni, nj = next_label(labels, i, j, down, turn)
+                if ni < 0 or labels[ni, nj] == label or count == len(pairs):
                     continue
-                one, two = min(label, other), max(label, other)
-                a, b = inverse[one], inverse[two]
-                c0 = a[1] * b[2] - a[2] * b[1]
-                c1 = a[2] * b[0] - a[0] * b[2]
-                c2 = a[0] * b[1] - a[1] * b[0]
-                aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-                bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
-                sine = np.sqrt((c0 * c0 + c1 * c1 + c2 * c2) / (aa * bb))
+                a, b = inverse[label], inverse[labels[ni, nj]]
+                p, q = points[i, j], points[ni, nj]
+                rp, rq = length(p), length(q)
+                for k in range(3):
+                    cross[k] = a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2]
+                    # The normal of the plane through the scanner and the line.
+                    apart[k] = a[k] - b[k]
+                    ray[k] = p[k] / rp + q[k] / rq
+                sine = length(cross) / (length(a) * length(b))
                 if sine < SMALLEST_SINE:
                     continue
-                p, q = points[i, j], points[ni, nj]
-                rp = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-                rq = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-                u0 = 0.5 * (p[0] / rp + q[0] / rq)
-                u1 = 0.5 * (p[1] / rp + q[1] / rq)
-                u2 = 0.5 * (p[2] / rp + q[2] / rq)
-                # a - b is the normal of the plane through the scanner and the line.
-                d0, d1, d2 = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-                off = (d0 * u0 + d1 * u1 + d2 * u2) / np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+                off = abs(apart[0] * ray[0] + apart[1] * ray[1] + apart[2] * ray[2])
+                off /= length(apart) * length(ray)
                 # Pixels within 3 sigma of both planes went to whichever came first.
-                contested = 4.0 * noise / sine
-                if abs(off) > 1.5 * ring_step + contested / min(rp, rq):
+                contested = CONTESTED_SIGMA * noise / sine
+                if off > LARGEST_OFF_BEAMS * ring_step + contested / min(rp, rq):
                     continue
                 # Planes that only seem to meet, one far behind the other, do not count.
-                if label != one:
-                    p, q, rp, rq = q, p, rq, rp
-                near = off_line(p, b, sine) < contested + spacing(p, rp, a, 2.0 * ring_step)
-                if not near or (
-                    off_line(q, a, sine) > contested + spacing(q, rq, b, 2.0 * ring_step)
-                ):
+                step = LARGEST_APART_BEAMS * ring_step
+                if off_line(p, b, sine) > contested + spacing(rp, a, step):
                     continue
-                pairs[count, 0], pairs[count, 1] = one, two
-                norm = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
-                rays[count, 0], rays[count, 1], rays[count, 2] = u0 / norm, u1 / norm, u2 / norm
+                if off_line(q, a, sine) > contested + spacing(rq, b, step):
+                    continue
+                pairs[count, 0] = min(label, labels[ni, nj])
+                pairs[count, 1] = max(label, labels[ni, nj])
+                for k in range(3):
+                    rays[count, k] = ray[k] / length(ray)
                 count += 1
     return pairs[:count].copy(), rays[:count].copy()
