@@ -185,12 +185,11 @@ def ring_from_scan_order(cloud: Floats) -> Indices | None:
     rings = int(rank[-1]) + 1
     if not FEWEST_RINGS <= rings <= MOST_RINGS:
         return None
+    # Along a ring the elevation hardly changes from point to point; between rings it does.
     elevation = np.arctan2(cloud[:, 2], np.hypot(cloud[:, 0], cloud[:, 1])).astype(float)
-    count = np.maximum(np.bincount(rank, minlength=rings), 1)
-    mean = np.bincount(rank, elevation, minlength=rings) / count
-    spread = np.bincount(rank, np.abs(elevation - mean[rank]), minlength=rings) / count
-    distinct = np.median(np.abs(np.diff(mean[count >= FEWEST_IN_RING])))
-    return rank if np.median(spread) < distinct else None
+    mean = np.bincount(rank, elevation, minlength=rings) / np.maximum(np.bincount(rank), 1)
+    smooth = np.median(np.abs(np.diff(elevation))) < 0.25 * np.median(np.abs(np.diff(mean)))
+    return rank if smooth else None
 
 
 def ring_from_elevation(cloud: Floats) -> Indices | None:
