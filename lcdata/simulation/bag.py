@@ -49,7 +49,7 @@ class Bag:
     def __init__(self, path: Path, format: str) -> None:
         from rosbags import rosbag1, rosbag2
         from rosbags.rosbag2 import enums
-        from rosbags.typesys import Stores, get_typestore, get_types_from_msg
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         if format not in FORMATS:
             raise SimulationError(
@@ -106,8 +106,8 @@ class Bag:
         """A scan of `lidar.POINT` records."""
         field = self._type("sensor_msgs/msg/PointField")
         fields = [
-            field(name=name, offset=offset, datatype=_POINT_TYPES[dtype.str], count=1)
-            for name, (dtype, offset) in dict(POINT.fields or {}).items()  # type: ignore[misc]
+            field(name=name, offset=at[1], datatype=_POINT_TYPES[at[0].str], count=1)
+            for name, at in (POINT.fields or {}).items()
         ]
         message = self._type("sensor_msgs/msg/PointCloud2")(
             header=self._header(LIDAR, stamp_ns, "os_lidar"),

@@ -122,9 +122,9 @@ def ambient(normal: Float32, above: Float32, below: Float32) -> Float32:
 def _sky(z: float, k: int, sky: Float32, horizon: Float32, below: Float32) -> float:
     if z <= 0:
         share = min(1.0, -3.0 * z)
-        return share * below[k] + (1 - share) * horizon[k]
+        return float(share * below[k] + (1 - share) * horizon[k])
     share = z**0.6
-    return share * sky[k] + (1 - share) * horizon[k]
+    return float(share * sky[k] + (1 - share) * horizon[k])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

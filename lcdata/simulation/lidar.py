@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ class Ouster:
         records["t"] = np.where(inside, t, 0)  # nothing is sent of columns outside the window
         records["ring"] = np.repeat(np.arange(RINGS), self.columns)
         origin, direction, n = origin[inside], direction[inside], int(inside.sum())
-        aim = direction
+        aim: NDArray[np.floating[Any]] = direction
         if self.noisy:  # the beam is some centimetres wide: which part returns is chance
             aim = direction + rng.normal(scale=np.deg2rad(_BEAM_STD_DEG), size=(n, 3))
             aim = aim / np.linalg.norm(aim, axis=1, keepdims=True)

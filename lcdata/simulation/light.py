@@ -62,17 +62,19 @@ class Light:
             (N, 3) linear RGB, the hits, and (N,) a bit for each lamp that is hidden.
         """
         hits = scene.cast(rays)
-        distance = np.where(hits.hit, hits.distance, np.float32(0))
+        distance = np.where(hits.hit, hits.distance, 0).astype(np.float32)
         points = rays[:, :3] + distance[:, None] * rays[:, 3:]
-        footprint = distance * np.float32(pixel_rad) / np.maximum(hits.cosine, np.float32(0.15))
-        albedo = scene.albedo(points, hits.triangle, footprint)
-        light = kernels.ambient(hits.normal, np.float32(self.above), np.float32(self.below))
+        footprint = pixel_rad * distance / np.maximum(hits.cosine, 0.15)
+        albedo = scene.albedo(points, hits.triangle, footprint.astype(np.float32))
+        light = kernels.ambient(
+            hits.normal, np.array(self.above, np.float32), np.array(self.below, np.float32)
+        )
         shadows = np.zeros(len(rays), np.uint8)
         for bit, lamp in enumerate(self.lamps):
             to_lamp, index, strength = kernels.shadow_rays(
-                points, hits.normal, np.float32(lamp.xyz), lamp.sun
+                points, hits.normal, np.array(lamp.xyz, np.float32), lamp.sun
             )
-            color = np.float32(lamp.color)
+            color = np.array(lamp.color, np.float32)
             blocked = scene.blocked(to_lamp)
             kernels.add_light(light, shadows, bit, index, strength, blocked, color)
         radiance = kernels.compose(
@@ -83,8 +85,8 @@ class Light:
             light,
             scene.property_of("glow")[hits.triangle],
             scene.property_of("gloss")[hits.triangle],
-            np.float32(self.sky),
-            np.float32(self.horizon),
-            np.float32(self.below),
+            np.array(self.sky, np.float32),
+            np.array(self.horizon, np.float32),
+            np.array(self.below, np.float32),
         )
         return radiance, hits, shadows

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -166,7 +167,7 @@ def prism(polygon: ArrayLike, y0: float, y1: float, material: Material) -> Parts
     """A convex polygon (n, 2) of x, z, drawn out from y0 to y1."""
     xz = np.asarray(polygon, float)
     near = np.column_stack([xz[:, 0], np.full(len(xz), y0), xz[:, 1]])
-    far = near + [0.0, y1 - y0, 0.0]
+    far = near + np.array([0.0, y1 - y0, 0.0])
     corners = []
     for i in range(len(xz)):
         j = (i + 1) % len(xz)
@@ -264,8 +265,8 @@ def wall(
     xs = sorted({0.0, width, *(o[0] for o in openings), *(o[2] for o in openings)})
     zs = sorted({0.0, height, *(o[1] for o in openings), *(o[3] for o in openings)})
     corners: list[Any] = []
-    for x0, x1 in zip(xs, xs[1:], strict=False):
-        for z0, z1 in zip(zs, zs[1:], strict=False):
+    for x0, x1 in pairwise(xs):
+        for z0, z1 in pairwise(zs):
             x, z = (x0 + x1) / 2, (z0 + z1) / 2
             if not any(o[0] < x < o[2] and o[1] < z < o[3] for o in openings):
                 a, b, c, d = [x0, 0, z0], [x1, 0, z0], [x1, 0, z1], [x0, 0, z1]
@@ -273,11 +274,11 @@ def wall(
     parts = [part(corners, material)]
     for x0, z0, x1, z1 in openings:
         front = np.array([[x0, 0, z0], [x1, 0, z0], [x1, 0, z1], [x0, 0, z1]])
-        back = front + [0, depth, 0]
+        back = front + np.array([0, depth, 0])
         for i in range(4):
             j = (i + 1) % 4
             parts += quad(front[i], front[j], back[j], back[i], material)
-        parts += quad(*back, pane or material)
+        parts += quad(back[0], back[1], back[2], back[3], pane or material)
         if frame is not None:
             y, w = depth - 0.02, 0.06
             for x in (x0 + w / 2, (x0 + x1) / 2, x1 - w / 2):

@@ -20,7 +20,11 @@ RIG = """\
 ground_truth: arm
 note: Simulated tower with an Ouster OS1-128, a ZED 2i-like camera and a Kinova Gen3 lite.
 simulated: true
-arm: {model: gen3_lite, base_frame: base_link, effector_frame: end_effector_link, encoder_std_deg: 0.02}
+arm:
+  model: gen3_lite
+  base_frame: base_link
+  effector_frame: end_effector_link
+  encoder_std_deg: 0.02
 T_camera_effector:
   translation_m: [0.062, 0.041, -0.035]
   rotation_rpy_deg: [1.5, -2.0, 90.0]

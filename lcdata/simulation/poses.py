@@ -95,7 +95,7 @@ def _clear(arm: Arm, positions: Array) -> bool:
     data = arm.model.createData()
     pinocchio.forwardKinematics(arm.model, data, arm.configuration(positions))
     heights = [data.oMi[arm.model.getJointId(n)].translation[2] for n in arm.joint_names]
-    return min(heights) > _CLEARANCE_M
+    return bool(min(heights) > _CLEARANCE_M)
 
 
 def min_jerk(start: Array, end: Array, share: ArrayLike) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -13,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.errors import SimulationError
+from lcdata.geometry.camera import Camera
 from lcdata.rig import Rig, load_rig
 from lcdata.simulation import camera as cameras
 from lcdata.simulation.bag import FORMATS, IMAGE_FORMATS, Bag, bag_path
 from lcdata.simulation.lidar import COLUMNS, Ouster
 from lcdata.simulation.mounts import default_rig, joint_offsets
-from lcdata.simulation.schedule import JOINT_PERIOD_S, Schedule, clocks, plan
 from lcdata.simulation.scenes import SCENARIOS, scenario_rng
+from lcdata.simulation.schedule import JOINT_PERIOD_S, Schedule, clocks, plan
 from lcdata.simulation.truth import check_same_tower, write_rig, write_truth
 from lcdata.simulation.world import World
 
@@ -116,7 +116,7 @@ def simulate(
                     write(bag)
             for other in FORMATS:
                 _remove(bag_path(out, world.scenario, other))
-            os.replace(draft, path)
+            draft.replace(path)
         write_truth(out, world, schedule.positions, offsets)
         write_rig(out, measured)
     return paths
@@ -146,7 +146,7 @@ def _messages(
     world: World,
     schedule: Schedule,
     lidar: Ouster,
-    lens: cameras.Camera,
+    lens: Camera,
     offsets: Array,
     image: tuple[str, int],
     progress: Progress | None,

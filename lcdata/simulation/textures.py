@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lcdata.simulation.mesh import BRICK, CHECKER, PLANK, RIB, TILE, Material, linear
+from lcdata.simulation.mesh import BRICK, CHECKER, PLANK, RIB, Material, linear
 
 Float32 = NDArray[np.float32]
 
@@ -37,7 +37,7 @@ def _hash(i: int, j: int, seed: int) -> float:
     h = np.uint32(i) * np.uint32(374761393) + np.uint32(j) * np.uint32(668265263)
     h = np.uint32(h + np.uint32(seed) * np.uint32(2246822519))
     h = np.uint32((h ^ (h >> np.uint32(13))) * np.uint32(1274126177))
-    return np.float32((h ^ (h >> np.uint32(16))) & np.uint32(0xFFFFFF)) / np.float32(16777216.0)
+    return float((h ^ (h >> np.uint32(16))) & np.uint32(0xFFFFFF)) / 16777216.0
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -49,7 +49,7 @@ def _value_noise(x: float, y: float, seed: int) -> float:
     tx, ty = tx * tx * (3 - 2 * tx), ty * ty * (3 - 2 * ty)
     a = _hash(i, j, seed) * (1 - tx) + _hash(i + 1, j, seed) * tx
     b = _hash(i, j + 1, seed) * (1 - tx) + _hash(i + 1, j + 1, seed) * tx
-    return 2 * (a * (1 - ty) + b * ty) - 1
+    return float(2 * (a * (1 - ty) + b * ty) - 1)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -59,7 +59,7 @@ def _pulse(x: float, period: float, gap: float, footprint: float) -> float:
     a, b = (x - footprint / 2) / period + duty / 2, (x + footprint / 2) / period + duty / 2
     fa, fb = np.floor(a), np.floor(b)
     inside = (fb - fa) * duty + min(b - fb, duty) - min(a - fa, duty)
-    return inside * period / footprint
+    return float(inside * period / footprint)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -99,7 +99,7 @@ def albedo(
         pattern = int(row[_PATTERN])
         su, sv, gap = row[_SIZE], row[_SIZE + 1], row[_GAP]
         joint, cell = np.float32(0), np.float32(0)
-        if pattern == BRICK or pattern == TILE or pattern == PLANK:  # noqa: PLR1714 - numba
+        if BRICK <= pattern <= PLANK:
             i, j = 0, int(np.floor(v / sv))
             shifted = u
             if pattern == BRICK:

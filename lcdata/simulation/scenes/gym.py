@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from lcdata.simulation.light import Lamp, Light
@@ -169,7 +171,7 @@ def _hoop() -> Parts:
         parts += box((0.006, 0.59, 0.05), RED_PAINT, (-1.175, 0, z))
     angle = np.linspace(0, 2 * np.pi, 21)
     rim = np.column_stack([-1.42 + 0.23 * np.cos(angle), 0.23 * np.sin(angle), 0 * angle + 3.05])
-    for a, b in zip(rim, rim[1:], strict=False):
+    for a, b in pairwise(rim):
         parts += cylinder(a, b, 0.012, BALL, sides=6)
     return parts
 
@@ -222,7 +224,7 @@ def _apparatus(rng: Rng, x1: float, y0: float, y1: float) -> Parts:
         + box((1.5, 0.6, 0.02), RED_MAT, (0, 0, 1.3))
     )
     put(
-        props.place(props.ladder(2.6, 0.3), (-0.4, 0, 0))
+        place(props.ladder(2.6, 0.3), (-0.4, 0, 0))
         + place(props.ladder(2.6, 0.3), (0.4, 0, 0), np.pi)
     )
     x = x1 * rng.uniform(0.55, 0.65)

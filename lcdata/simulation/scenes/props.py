@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from lcdata.simulation.mesh import (
@@ -54,7 +56,7 @@ def leaf(rng: Rng) -> Material:
 def car(rng: Rng) -> Parts:
     """A parked car of 4.4 m along x: hatchback, saloon or van."""
     paint = Material(str(rng.choice(CAR_COLORS)), noise=0.03, near_infrared=1.3, gloss=0.35)
-    length, width = rng.uniform(4.0, 4.7), rng.uniform(1.72, 1.85)
+    length, width = rng.uniform([4.0, 1.72], [4.7, 1.85])
     kind = rng.integers(3)
     h = length / 2
     body = [(-h, 0.35), (h, 0.35), (h, 0.82), (h - 0.15, 0.95), (-h + 0.2, 0.88), (-h, 0.7)]
@@ -68,8 +70,9 @@ def car(rng: Rng) -> Parts:
     inset = 0.09
     parts += prism(cabin, -width / 2 + inset, width / 2 - inset, GLASS)
     roof = np.array(cabin)
-    top = [tuple(roof[3] + [0.03, -0.06]), tuple(roof[2] + [-0.03, -0.06]), *map(tuple, roof[2:])]
-    parts += prism(np.array(top) + [0, 0.02], -width / 2 + 0.07, width / 2 - 0.07, paint)
+    top = np.array([roof[3], roof[2], roof[2], roof[3]])
+    top += [[0.03, -0.04], [-0.03, -0.04], [0.0, 0.02], [0.0, 0.02]]
+    parts += prism(top, -width / 2 + 0.07, width / 2 - 0.07, paint)
     for x in (roof[3][0] + 0.95, roof[2][0] - 0.25):  # door pillars
         for y in (-1, 1):
             centre = (x, y * (width / 2 - inset + 0.003), 0.9)
@@ -79,9 +82,9 @@ def car(rng: Rng) -> Parts:
             outer = y * (width / 2 + 0.01)
             parts += cylinder((x, outer - 0.2 * y, 0.32), (x, outer, 0.32), 0.32, RUBBER)
             parts += cylinder((x, outer, 0.32), (x, outer + 0.012 * y, 0.32), 0.19, STEEL)
-    for y in (-0.6, 0.6):
-        parts += box((0.03, 0.3, 0.14), WHITE, (-h, y, 0.62))
-        parts += box((0.03, 0.22, 0.2), Material("#8e1616", noise=0.02), (h, y, 0.7))
+    for aside in (-0.6, 0.6):
+        parts += box((0.03, 0.3, 0.14), WHITE, (-h, aside, 0.62))
+        parts += box((0.03, 0.22, 0.2), Material("#8e1616", noise=0.02), (h, aside, 0.7))
     parts += box((0.02, 0.5, 0.11), WHITE, (-h - 0.01, 0, 0.45))
     return parts
 
@@ -108,7 +111,7 @@ def bush(rng: Rng, size: float = 0.8, sway: Rng | None = None) -> Parts:
     green = leaf(rng)
     radii = size * rng.uniform(0.7, 1.1, 3)
     core = sphere((0, 0, radii[2] * 0.7), radii * 0.7, green, 7, 0.2, rng)
-    return core + leaves((0, 0, radii[2] * 0.8), radii, 500, 0.06, green, sway or rng)
+    return [*core, *leaves((0, 0, radii[2] * 0.8), radii, 500, 0.06, green, sway or rng)]
 
 
 def hedge(rng: Rng, length: float, height: float = 1.1, sway: Rng | None = None) -> Parts:
@@ -196,7 +199,7 @@ def stack(rng: Rng, count: int, material: Material) -> Parts:
     parts: Parts = []
     z = 0.0
     for _ in range(count):
-        size = rng.uniform([0.5, 0.5, 0.3], [0.8, 0.8, 0.5])
+        size = rng.uniform([0.5, 0.5, 0.3], [0.8, 0.8, 0.5]).tolist()
         at = (*rng.uniform(-0.08, 0.08, 2), z)
         parts += place(box(size, material), at, rng.uniform(-0.3, 0.3))
         z += size[2]
@@ -232,8 +235,8 @@ def arc(
     inner, outer = centre + (radius - width / 2) * xy, centre + (radius + width / 2) * xy
     parts: Parts = []
     for i in range(len(angle) - 1):
-        ring = [inner[i], outer[i], outer[i + 1], inner[i + 1]]
-        parts += quad(*([*p, z] for p in ring), material)
+        a, b, c, d = ([*p, z] for p in (inner[i], outer[i], outer[i + 1], inner[i + 1]))
+        parts += quad(a, b, c, d, material)
     return parts
 
 
@@ -241,8 +244,8 @@ def ground(extent: float, material: Material) -> Parts:
     """Ground all around, in tiles, so that triangles are not too long for exact hits."""
     edges = np.linspace(-extent, extent, 9)
     parts: Parts = []
-    for x0, x1 in zip(edges, edges[1:], strict=False):
-        for y0, y1 in zip(edges, edges[1:], strict=False):
+    for x0, x1 in pairwise(edges):
+        for y0, y1 in pairwise(edges):
             parts += rectangle(x0, y0, x1, y1, 0.0, material)
     return parts
 

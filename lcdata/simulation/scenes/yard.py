@@ -6,7 +6,6 @@ import numpy as np
 
 from lcdata.simulation.light import Lamp, Light
 from lcdata.simulation.mesh import (
-    RIB,
     TILE,
     Material,
     Parts,
