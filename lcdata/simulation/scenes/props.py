@@ -97,7 +97,8 @@ def tree(rng: Rng, height: float = 5.0, count: int = 1600, sway: Rng | None = No
     blobs = []
     for _ in range(5):
         angle, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.22) * height
-        tip = top + [reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0, 0.2) * height]
+        aside = np.array([reach * np.cos(angle), reach * np.sin(angle), 0.0])
+        tip = top + aside + [0.0, 0.0, rng.uniform(0, 0.2) * height]
         parts += cylinder(top * rng.uniform(0.6, 0.95), tip, 0.05, BARK, 0.025, 7)
         blobs.append((tip, rng.uniform(0.15, 0.25) * height * np.array([1, 1, 0.85])))
     wind = sway or rng
@@ -110,8 +111,9 @@ def bush(rng: Rng, size: float = 0.8, sway: Rng | None = None) -> Parts:
     """A shrub of leaves around a rough core."""
     green = leaf(rng)
     radii = size * rng.uniform(0.7, 1.1, 3)
-    core = sphere((0, 0, radii[2] * 0.7), radii * 0.7, green, 7, 0.2, rng)
-    return [*core, *leaves((0, 0, radii[2] * 0.8), radii, 500, 0.06, green, sway or rng)]
+    parts = sphere((0, 0, radii[2] * 0.7), radii * 0.7, green, 7, 0.2, rng)
+    parts += leaves((0, 0, radii[2] * 0.8), radii, 500, 0.06, green, sway or rng)
+    return parts
 
 
 def hedge(rng: Rng, length: float, height: float = 1.1, sway: Rng | None = None) -> Parts:
