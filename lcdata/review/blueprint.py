@@ -120,7 +120,7 @@ def _image_view(source: str, size: tuple[int, int]) -> Any:
 
     return rrb.Spatial2DView(
         origin=f"/{names.CAMERA}",
-        contents=[f"/{names.IMAGE}", f"/{names.OVERLAYS}/{source}/**"],
+        contents=[f"/{names.IMAGES}/**", f"/{names.OVERLAYS}/{source}/**"],
         name=names.title(source),
         spatial_information=rrb.SpatialInformation(target_frame=names.FRAME_IMAGE),
         visual_bounds=rrb.VisualBounds2D(x_range=[0, size[0]], y_range=[0, size[1]]),

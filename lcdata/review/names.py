@@ -22,7 +22,7 @@ TOWER = "tower"
 LIDAR = "lidar"
 CLOUD = "lidar/cloud"
 CAMERA = "camera"
-IMAGE = "camera/image"
+IMAGES = "camera/image"
 FRUSTUMS = "frustums"
 LINES = "lines"
 OVERLAYS = "overlays"
@@ -40,6 +40,11 @@ LIMIT = "limit"
 def arm_frame(link: str) -> str:
     """Frame of a link of the arm."""
     return ARM_PREFIX + link
+
+
+def image(scenario: str) -> str:
+    """Entity of a scenario's images."""
+    return f"{IMAGES}/{scenario}"
 
 
 def title(source: str) -> str:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.evaluation import metrics
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
 from lcdata.review import colours, names
 from lcdata.review.overlay import clip_segments, project_cloud, project_segments
-from lcdata.review.text import error_text, uncertainty_text
-from lcdata.review.trials import OUTCOME_COLOURS, Trials, matches_of, outcome
+from lcdata.review.trials import Trials, matches_of
+from lcdata.review.verdict import banner, verdict
 
 if TYPE_CHECKING:
     import rerun as rr
 
-    from lcdata.evaluation.results import TrialResult
     from lcdata.pair import Pair
 
 Array = NDArray[np.float64]
@@ -41,12 +40,19 @@ class PairLogger:
     Args:
         recording: Where to log.
         trials: What to show beside the ground truth.
+        scenarios: Names of all scenarios.
         thin: Every how many points of a cloud to keep.
         frustum_m: Depth at which frustums end.
     """
 
     def __init__(
-        self, recording: rr.RecordingStream, trials: Trials, thin: int, frustum_m: float
+        self,
+        recording: rr.RecordingStream,
+        trials: Trials,
+        scenarios: Sequence[str],
+        *,
+        thin: int,
+        frustum_m: float,
     ) -> None:
         self.recording = recording
         self.trials = trials
@@ -54,6 +60,8 @@ class PairLogger:
         self.frustum_m = frustum_m
         self.colours = colours.of_sources(trials.methods)
         self._camera: Camera | None = None
+        self._image = ""
+        self._log_frames(scenarios)
 
     def log(self, pair: Pair, image_file: Path) -> None:
         """Log a pair at the recording's present time.
@@ -67,8 +75,7 @@ class PairLogger:
         assert pair.T_camera_lidar is not None
         camera = pair.camera.undistorted()
         self._log_camera(camera)
-        image = rr.EncodedImage(**encoded_image(pair, image_file))
-        self.recording.log(names.IMAGE, rr.CoordinateFrame(names.FRAME_IMAGE), image)
+        self._log_image(pair.scenario, rr.EncodedImage(**encoded_image(pair, image_file)))
 
         x, y, z = pair.points.T  # a sum is finite where all three are, and much faster to test
         returned = np.flatnonzero(np.isfinite(x + y + z))
@@ -107,6 +114,23 @@ class PairLogger:
             lines = matches_of(trial, pair.pair_id) if trial else _no_lines()
             self._log_lines(method, camera, extrinsics[method], *lines)
 
+    def _log_frames(self, scenarios: Sequence[str]) -> None:
+        """The frame of every entity, for all time: a view complains of one without."""
+        import rerun as rr
+
+        methods = self.trials.methods
+        guesses = [names.INITIAL, *methods] if methods else []
+        in_image = [names.image(scenario) for scenario in scenarios]
+        for source in (names.GROUND_TRUTH, *guesses):
+            in_image += [f"{names.OVERLAYS}/{source}/{part}" for part in ("cloud", "verdict")]
+        for method in methods:
+            in_image += [f"{names.OVERLAYS}/{method}/lines_{kind}" for kind in ("image", "cloud")]
+        in_lidar = [names.CLOUD, *(f"{names.FRUSTUMS}/{source}" for source in guesses)]
+        in_lidar += [f"{names.LINES}/{method}" for method in methods]
+        for frame, paths in ((names.FRAME_IMAGE, in_image), (names.FRAME_LIDAR, in_lidar)):
+            for path in paths:
+                self.recording.log(path, rr.CoordinateFrame(frame), static=True)
+
     def _log_camera(self, camera: Camera) -> None:
         """The ground truth's camera; again only when it changes."""
         import rerun as rr
@@ -127,13 +151,25 @@ class PairLogger:
             ),
         )
 
+    def _log_image(self, scenario: str, image: rr.EncodedImage) -> None:
+        """An entity for each scenario: the viewer takes encoded images for frames of a video.
+
+        Frames must not change in size or coding, which those of another camera would.
+        """
+        import rerun as rr
+
+        path = names.image(scenario)
+        if self._image not in ("", path):
+            self.recording.log(self._image, rr.Clear(recursive=False))
+        self._image = path
+        self.recording.log(path, image)
+
     def _log_cloud(self, points: NDArray[np.float32], intensity: NDArray[Any] | None) -> None:
         import rerun as rr
 
         values = np.linalg.norm(points, axis=1) if intensity is None else intensity
         self.recording.log(
             names.CLOUD,
-            rr.CoordinateFrame(names.FRAME_LIDAR),
             rr.Points3D(
                 points, colors=colours.by_intensity(values), radii=rr.Radius.ui_points(1.0)
             ),
@@ -151,7 +187,6 @@ class PairLogger:
 
         self.recording.log(
             f"{names.OVERLAYS}/{source}/cloud",
-            rr.CoordinateFrame(names.FRAME_IMAGE),
             rr.Points2D(
                 pixels,
                 colors=colours.by_depth(depths, span),
@@ -167,7 +202,6 @@ class PairLogger:
         size = np.array([camera.width, camera.height]) - FRAME_PX
         self.recording.log(
             f"{names.OVERLAYS}/{source}/verdict",
-            rr.CoordinateFrame(names.FRAME_IMAGE),
             rr.Boxes2D(
                 mins=[[FRAME_PX / 2, FRAME_PX / 2]],
                 sizes=[size],
@@ -175,15 +209,7 @@ class PairLogger:
                 radii=rr.Radius.ui_points(2.0),
                 draw_order=40.0,
             ),
-            # A box's own label would stand below it, outside the view.
-            rr.Points2D(
-                [[camera.width / 2, camera.height * 0.01]],
-                colors=[WHITE],
-                labels=[text],
-                show_labels=True,
-                radii=rr.Radius.ui_points(0.0),
-                draw_order=41.0,
-            ),
+            rr.Image(banner(text, camera.height), color_model="L", draw_order=50.0),
         )
 
     def _log_frustum(self, source: str, camera: Camera, T: Array | None) -> None:
@@ -192,7 +218,6 @@ class PairLogger:
         strips = [] if T is None else frustum(camera, T, self.frustum_m)
         self.recording.log(
             f"{names.FRUSTUMS}/{source}",
-            rr.CoordinateFrame(names.FRAME_LIDAR),
             rr.LineStrips3D(strips, colors=[self.colours[source]], radii=rr.Radius.ui_points(1.5)),
         )
 
@@ -213,7 +238,6 @@ class PairLogger:
         colour = self.colours[method]
         self.recording.log(
             f"{names.LINES}/{method}",
-            rr.CoordinateFrame(names.FRAME_LIDAR),
             rr.LineStrips3D(
                 lines_lidar.astype(np.float32), colors=[colour], radii=rr.Radius.ui_points(1.5)
             ),
@@ -227,7 +251,6 @@ class PairLogger:
         ):
             self.recording.log(
                 f"{folder}/{name}",
-                rr.CoordinateFrame(names.FRAME_IMAGE),
                 rr.LineStrips2D(
                     segments.astype(np.float32),
                     colors=[segment_colour],
@@ -235,33 +258,6 @@ class PairLogger:
                     draw_order=order,
                 ),
             )
-
-
-def verdict(source: str, pair: Pair, shown: dict[str, TrialResult]) -> tuple[str, colours.RGB]:
-    """What the frame around an image says, and its colour.
-
-    Args:
-        source: A method, or one of the two constants.
-        pair: The pair.
-        shown: The shown trial of each method.
-    """
-    if source == names.GROUND_TRUTH:
-        assert pair.T_camera_lidar is not None
-        sigma = metrics.groundtruth_sigma(pair.T_camera_lidar, pair.covariance)
-        return uncertainty_text(sigma), colours.GREEN
-    if source == names.INITIAL:
-        if not shown:
-            return "no results", colours.GREY
-        first = next(iter(shown.values()))
-        errors = first.initial_rotation_error_deg, first.initial_translation_error_m
-        return error_text(*errors), colours.GREY
-    if source not in shown:
-        return "no results", colours.GREY
-    trial = shown[source]
-    text = outcome(trial)
-    if not trial.failed:
-        text = f"{text}: {error_text(trial.rotation_error_deg, trial.translation_error_m)}"
-    return text, OUTCOME_COLOURS[outcome(trial)]
 
 
 def encoded_image(pair: Pair, file: Path) -> dict[str, Any]:

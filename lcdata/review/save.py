@@ -87,7 +87,8 @@ def _write(
         recording.send_recording_name(name)
         _log_whole(recording, dataset, trials)
         is_arm = dataset.rig.ground_truth == "arm"
-        logger = PairLogger(recording, trials, thin, FRUSTUM_ARM_M if is_arm else FRUSTUM_STATIC_M)
+        depth = FRUSTUM_ARM_M if is_arm else FRUSTUM_STATIC_M
+        logger = PairLogger(recording, trials, dataset.scenarios, thin=thin, frustum_m=depth)
         for number, record in enumerate(dataset.pairs):
             recording.set_time(names.PAIR, sequence=number)
             recording.set_time(names.STAMP, timestamp=np.datetime64(record.stamp_lidar_ns, "ns"))

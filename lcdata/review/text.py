@@ -28,7 +28,8 @@ def uncertainty_text(sigma: Sigma) -> str:
     """How far a ground truth itself may be off."""
     if not math.isfinite(sigma.rotation_deg):
         return "uncertainty unknown"
-    return f"±{number_text(sigma.rotation_deg)} deg, ±{number_text(sigma.translation_m * 1e3)} mm"
+    millimetres = number_text(sigma.translation_m * 1e3)
+    return f"known to {number_text(sigma.rotation_deg)} deg, {millimetres} mm"
 
 
 def count_text(count: int, noun: str) -> str:

@@ -106,8 +106,8 @@ def test_clouds_hold_every_eighth_return(rrd, dataset):
 
 
 def test_an_image_without_distortion_keeps_its_bytes(rrd, dataset):
-    blobs = rrd.rows("/camera/image", "EncodedImage:blob")
-    types = rrd.rows("/camera/image", "EncodedImage:media_type")
+    blobs = rrd.rows("/camera/image/lab", "EncodedImage:blob")
+    types = rrd.rows("/camera/image/lab", "EncodedImage:media_type")
     for number in range(4, 8):
         recorded = (dataset.path / dataset.pairs[number].image).read_bytes()
         assert bytes(blobs[number][0]) == recorded
@@ -115,7 +115,7 @@ def test_an_image_without_distortion_keeps_its_bytes(rrd, dataset):
 
 
 def test_a_distorted_image_is_shown_undistorted(rrd, dataset, tmp_path):
-    blob = rrd.rows("/camera/image", "EncodedImage:blob")[0][0]
+    blob = rrd.rows("/camera/image/den", "EncodedImage:blob")[0][0]
     (tmp_path / "shown.jpg").write_bytes(bytes(blob))
     shown = read_image(tmp_path / "shown.jpg")
     pair = dataset.load(dataset.pairs[0].pair_id)

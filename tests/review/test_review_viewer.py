@@ -59,6 +59,9 @@ def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
             viewer.set_time("stamp", timestamp=record.stamp_lidar_ns * 1e-9, play_state="paused")
             viewer.take_screenshot()
             check(viewer.get_state(), number)
+        logged = [entry for entry in viewer.get_logs() if entry.level in {"WARN", "ERROR"}]
+        complaints = [e.message for e in logged if "Software rasterizer" not in e.message]
+        assert not complaints
 
 
 def check(state, number: int) -> None:
