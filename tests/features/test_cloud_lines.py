@@ -30,11 +30,12 @@ def lines_of(image: Array) -> CloudLines:
 
 @pytest.fixture(scope="module")
 def beams() -> Array:
-    return beam_directions()
+    return beam_directions(columns=1024)
 
 
 @pytest.fixture(scope="module", params=["room", "yard"])
-def worlds(request: pytest.FixtureRequest, beams: Array) -> list[tuple[BoxWorld, CloudLines]]:
+def worlds(request: pytest.FixtureRequest) -> list[tuple[BoxWorld, CloudLines]]:
+    beams = beam_directions(columns=2048)
     make = room_with_boxes if request.param == "room" else yard_with_boxes
     return [
         (world, lines_of(scan(world, beams, np.random.default_rng(seed))))
@@ -137,9 +138,9 @@ def test_the_borders_of_a_crop_are_no_edges() -> None:
     """A window of azimuth, given as columns that do not exist or as columns without returns."""
     room = BoxWorld(np.array([pose((0, 0, 0.5))]), np.array([[9.0, 7.0, 2.5]]), np.array([True]))
     crop = scan(room, beam_directions(columns=512, azimuth_deg=90), np.random.default_rng(0))
-    full = scan(room, beam_directions(), np.random.default_rng(0))
-    full[:, :768] = np.nan
-    full[:, 1280:] = 0
+    full = scan(room, beam_directions(columns=1024), np.random.default_rng(0))
+    full[:, :384] = np.nan
+    full[:, 640:] = 0
     for image in (crop, full):
         lines = lines_of(image)
         assert len(lines) >= 2
@@ -153,7 +154,7 @@ def test_unorganised_clouds_give_the_lines_of_the_scan(field: str, beams: Array)
     image = scan(world, beams, np.random.default_rng(3))
     expected = lines_of(image)
     points = image.reshape(-1, 3)
-    ring = np.repeat(np.arange(128), 2048)
+    ring = np.repeat(np.arange(128), 1024)
     seen = np.isfinite(points).all(axis=1)
     points, ring = points[seen], ring[seen]
     if field != "order":
@@ -234,7 +235,7 @@ def test_the_cloud_is_left_as_it_is(beams: Array) -> None:
     points = scan(room_with_boxes(0), beams, np.random.default_rng(0)).reshape(-1, 3)
     points = points.astype(np.float32)
     before = points.copy()
-    extract_cloud_lines(points, (128, 2048))
+    extract_cloud_lines(points, (128, 1024))
     assert np.array_equal(points, before, equal_nan=True)
 
 
