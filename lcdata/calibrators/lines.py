@@ -13,22 +13,47 @@ from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
 from lcdata.errors import CalibrationError
-from lcdata.features.chamfer_search import FINEST, Objective, SearchOptions, search
+from lcdata.features.chamfer_search import (
+    FINEST,
+    Objective,
+    SearchOptions,
+    contrast,
+    search,
+    visible_share,
+)
 from lcdata.features.line_features import LineFeatures, extract_line_features
 from lcdata.features.line_solver import (
     ROTATION_RATIO,
     TRANSLATION_RATIO,
+    Problem,
     Solution,
     Solver,
     singular_ratios,
 )
 from lcdata.features.matching import Matches, make_problem, refine
+from lcdata.geometry import se3
 from lcdata.pair import Pair
 
 Array = NDArray[np.float64]
 
 MIN_MATCHES = 3
 """Lines that six unknowns need."""
+
+MIN_SUPPORT = 8.0
+"""Sum of robust weights below which a result may be a coincidence of few lines: 20 and more at
+right poses of simulated pairs."""
+
+MIN_SHARE = 0.3
+"""Part of the cloud lines in view that must be matched: 0.37-0.69 at right poses of simulated
+pairs, 0.06-0.19 at wrong ones."""
+
+MIN_CONTRAST = 2.8
+"""See `contrast`: 3-15 at right poses, mostly below 2 at wrong ones, up to 4 on road scans."""
+
+CORRELATION = 4.0
+"""Variance of the estimate over that of independent lines, measured on simulated pairs.
+
+Lines of one ledge or of one row of windows are wrong together."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +67,8 @@ class LineCalibrator(Calibrator):
         search_rotation_deg: Half-width of the search about each axis, degrees.
         search_translation_m: Half-width of the search along each axis, metres.
         search_samples: Poses in the first stage of the search.
+        paint: Use borders of paint in the LiDAR's intensity as well as edges of shape; ours, not
+            in the paper. Without it errors are about twice as large in open places.
         max_rotation_sigma_deg: A result is not trusted if the predicted standard deviation of
             its rotation is larger, degrees.
         max_translation_sigma_m: The same of the translation, metres.
@@ -51,6 +78,7 @@ class LineCalibrator(Calibrator):
     search_rotation_deg: float = 10.0
     search_translation_m: float = 0.7
     search_samples: int = 20_000
+    paint: bool = True
     max_rotation_sigma_deg: float = 1.0
     max_translation_sigma_m: float = 0.2
     seed: int = 0
@@ -62,7 +90,7 @@ class LineCalibrator(Calibrator):
 
     def prepare(self, pair: Pair) -> LineFeatures:
         """Image lines, cloud lines and distance fields of one pair."""
-        return extract_line_features(pair)
+        return extract_line_features(pair, self.paint)
 
     def calibrate(
         self,
@@ -97,42 +125,57 @@ class LineCalibrator(Calibrator):
         costs = objective(np.stack([T_initial, *(s.T_camera_lidar for s, _ in found)]), FINEST)
         winner = int(np.argmin(costs[1:]))
         solution, matches = found[winner]
-        reasons, degenerate = self._doubts(solution, matches, features, costs, T_initial)
+        covariance = CORRELATION * solution.covariance
+        undetermined = self._undetermined(solution, make_problem(features, matches), covariance)
+        doubts = self._doubts(solution, matches, objective, T_initial)
+        if costs[1 + winner] >= costs[0]:
+            doubts.append("no better than the initial guess")
         return Calibration(
             solution.T_camera_lidar,
-            converged=not reasons,
-            degenerate=degenerate,
-            covariance=solution.covariance,
+            converged=not (undetermined or doubts),
+            degenerate=bool(undetermined),
+            covariance=covariance,
             seconds=time.perf_counter() - started,
             cost_initial=float(costs[0]),
             cost_final=float(costs[1 + winner]),
-            message="; ".join(reasons),
+            message="; ".join(undetermined + doubts),
             matches=_line_matches(features, matches),
         )
 
-    def _doubts(
-        self,
-        solution: Solution,
-        matches: Matches,
-        features: Sequence[LineFeatures],
-        costs: Array,
-        T_initial: Array,
-    ) -> tuple[list[str], bool]:
-        """Why the result should not be trusted, and whether the lines leave it undetermined."""
-        T = solution.T_camera_lidar
-        rotation, translation = singular_ratios(
-            make_problem(features, matches), T, solution.weights
-        )
-        sigma = np.sqrt(np.diag(solution.covariance))
-        sigma_m, sigma_deg = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
-        undetermined = []
+    def _undetermined(self, solution: Solution, problem: Problem, covariance: Array) -> list[str]:
+        """What the lines leave open, however well they fit."""
+        found = []
+        rotation, translation = singular_ratios(problem, solution.T_camera_lidar, solution.weights)
         if rotation < ROTATION_RATIO:
-            undetermined.append(f"lines nearly parallel (singular values {rotation:.3f})")
+            found.append(f"matched lines are nearly parallel (singular values {rotation:.3f})")
         if translation < TRANSLATION_RATIO:
-            undetermined.append(f"lines leave the translation open ({translation:.4f})")
-        if sigma_deg > self.max_rotation_sigma_deg or sigma_m > self.max_translation_sigma_m:
-            undetermined.append(f"predicted deviation {sigma_deg:.2f} deg, {sigma_m:.2f} m")
-        return undetermined, bool(undetermined)
+            found.append(f"matched lines leave the translation open ({translation:.4f})")
+        sigma = np.sqrt(np.diag(covariance))
+        metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
+        if degrees > self.max_rotation_sigma_deg or metres > self.max_translation_sigma_m:
+            found.append(f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m")
+        return found
+
+    def _doubts(
+        self, solution: Solution, matches: Matches, objective: Objective, T_initial: Array
+    ) -> list[str]:
+        """Signs that the pose is a wrong one that happens to fit."""
+        found = []
+        T = solution.T_camera_lidar
+        support = float(solution.weights.sum())
+        if support < MIN_SUPPORT:
+            found.append(f"only {len(matches.pair)} lines match (robust weight {support:.1f})")
+        seen = sum(int((visible_share(f, T[None]) > 0.5).sum()) for f in objective.pairs)
+        if len(matches.pair) < MIN_SHARE * seen:
+            found.append(f"only {len(matches.pair)} of {seen} cloud lines in view match")
+        stands_out = contrast(objective, T)
+        if stands_out < MIN_CONTRAST:
+            found.append(f"poses around fit nearly as well (contrast {stands_out:.1f})")
+        turned = np.rad2deg(se3.rotation_error(T, T_initial)) / self.search_rotation_deg
+        moved = se3.translation_error(T, T_initial) / self.search_translation_m
+        if max(turned, moved) > 1.2 * np.sqrt(3.0):
+            found.append("left the box of the search")
+        return found
 
 
 def _why_no_match(features: Sequence[LineFeatures], objective: Objective) -> str:

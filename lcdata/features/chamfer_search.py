@@ -175,6 +175,29 @@ def search(
     return displaced(T_initial, deltas[best]), objective
 
 
+def contrast(
+    objective: Objective, T: Array, rotation_deg: float = 3.0, metres: float = 0.3
+) -> float:
+    """How far a pose stands out from the poses around it.
+
+    A pose that lines support stands alone; one that clutter supports has equals all around.
+
+    Args:
+        objective: See `search`.
+        T: 4x4 pose.
+        rotation_deg: Half-width of the surroundings about each axis, degrees.
+        metres: Half-width along each axis.
+
+    Returns:
+        Cost of the best of 300 poses around minus that of the pose, in standard deviations of
+        the costs around.
+    """
+    box = np.repeat([np.deg2rad(rotation_deg), metres], 3)
+    around = displaced(T, (2.0 * low_discrepancy(300, 0) - 1.0) * box)
+    costs = objective(np.concatenate([T[None], around]), FINEST)
+    return float((costs[1:].min() - costs[0]) / max(float(costs[1:].std()), 1e-9))
+
+
 def _children(
     parents: Array, spread: Array, options: SearchOptions, rng: np.random.Generator
 ) -> Array:

@@ -107,7 +107,7 @@ def _splat(lines, stride, truncation, angle_reach, table):  # type: ignore[no-un
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def chamfer(  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def chamfer(  # type: ignore[no-untyped-def]
     poses, segments, weights, samples, table, stride, intrinsics, costs
 ):
     """Add the chamfer costs of many poses on one image to `costs`.

@@ -301,7 +301,8 @@ def _variance(residuals: Array, weights: Array, unknowns: int) -> float:
 
 def _invert(H: Array, variance: float) -> Array:
     """Covariance of an information matrix; infinite variances where it is singular."""
-    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    diagonal = np.diag(H)
+    scale = np.sqrt(np.maximum(diagonal, 1e-12 * diagonal.max(initial=1e-12)))
     values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
     values = np.maximum(values, 1e-14)
     return np.asarray(variance * ((vectors / values) @ vectors.T) / np.outer(scale, scale))

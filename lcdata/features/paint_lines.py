@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lcdata.features.scan_grid import ring_from_scan_order
+
 Array = NDArray[np.float64]
 
 CONTRAST = 0.15
@@ -22,6 +24,9 @@ CONTRAST = 0.15
 
 FEWEST_RINGS = 6
 """Rings that a segment must cross."""
+
+NEAREST_M = 0.3
+"""Closer returns, and the zeros of missing ones, are left out."""
 
 LONELY_M = 0.2
 """A second step of the same sign so close is texture: which one continues a line is doubtful."""
@@ -43,19 +48,22 @@ def extract_paint_lines(
         points: (N, 3) in the LiDAR frame, metres; NaN or zeros where nothing came back.
         intensity: (N,) reflectance in any unit; without it there are no lines.
         organised: (rings, columns) if the points are a row-major image of the scan.
-        ring: (N,) ring numbers of an unorganised cloud; without them there are no lines.
+        ring: (N,) ring numbers of an unorganised cloud; otherwise from the order of the points.
 
     Returns:
         (M, 2, 3) segments in metres, and (M,) standard deviations across them, metres.
     """
     nothing = np.zeros((0, 2, 3)), np.zeros(0)
-    if intensity is None or (organised is None and ring is None) or not len(points):
+    good = np.flatnonzero(np.abs(points[:, 0]) + np.abs(points[:, 1]) > NEAREST_M)
+    if intensity is None or not len(good):
         return nothing
-    good = np.flatnonzero(np.abs(points[:, 0]) + np.abs(points[:, 1]) > 0.3)
     if organised is not None:
         rank = good // organised[1]
     else:
-        good, rank = _in_scan_order(points, good, np.asarray(ring))
+        known = ring_from_scan_order(points[good]) if ring is None else np.asarray(ring)[good]
+        if known is None:
+            return nothing
+        good, rank = _in_scan_order(points, good, known)
     cloud, light = np.asarray(points[good], float), np.asarray(intensity, float)[good]
     index, sign = _steps(cloud, light, rank, CONTRAST)
     if len(index) < FEWEST_RINGS:
@@ -83,7 +91,7 @@ def _in_scan_order(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The good points sorted by the rank of their ring's elevation, then by azimuth."""
     x, y, z = np.asarray(points[good], float).T
-    rank = np.unique(ring[good], return_inverse=True)[1]
+    rank = np.unique(ring, return_inverse=True)[1]
     elevation = np.bincount(rank, np.arctan2(z, np.hypot(x, y))) / np.bincount(rank)
     rank = np.argsort(np.argsort(elevation))[rank]
     order = np.lexsort((np.arctan2(y, x), rank))
@@ -146,7 +154,7 @@ def _lonely(middle, sign, rank):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _chains(middle, half, sign, rank, azimuth, ring_start):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def _chains(middle, half, sign, rank, azimuth, ring_start):  # type: ignore[no-untyped-def]
     """Straight chains of steps from ring to ring, longest first come first served by seed."""
     n = len(middle)
     rings = len(ring_start) - 1
@@ -180,31 +188,28 @@ def _chains(middle, half, sign, rank, azimuth, ring_start):  # type: ignore[no-u
                     best[:size] = chain[:size]
         if best_size < FEWEST_RINGS:
             continue
-        centre = np.zeros(3)
-        for i in range(best_size):
-            centre += middle[best[i]]
-        centre /= best_size
-        scatter = np.zeros((3, 3))
-        spacing = 0.0
         for i in range(best_size):
             used[best[i]] = True
-            d = middle[best[i]] - centre
-            for a in range(3):
-                for b in range(3):
-                    scatter[a, b] += d[a] * d[b]
-            spacing += half[best[i]] ** 2 / 3.0
-        values, vectors = np.linalg.eigh(scatter)
-        direction = np.ascontiguousarray(vectors[:, 2])
-        variance = max(spacing / best_size, (values[0] + values[1]) / (best_size - 2))
-        low, high = 0.0, 0.0
-        for i in range(best_size):
-            t = ((middle[best[i]] - centre) * direction).sum()
-            low, high = min(low, t), max(high, t)
-        segments[count, 0] = centre + low * direction
-        segments[count, 1] = centre + high * direction
-        std[count] = max(np.sqrt(variance / best_size) * 1.5, 0.003)
+        segments[count], std[count] = _fit(middle[best[:best_size]], half[best[:best_size]])
         count += 1
     return segments[:count].copy(), std[:count].copy()
+
+
+@njit(cache=True)
+def _fit(points, half):  # type: ignore[no-untyped-def]
+    """Segment through points that are uncertain by `half` a step, and its deviation, metres."""
+    n = len(points)
+    centre = points.sum(0) / n
+    away = points - centre
+    values, vectors = np.linalg.eigh(away.T @ away)
+    direction = np.ascontiguousarray(vectors[:, 2])
+    along = away @ direction
+    segment = np.empty((2, 3))
+    segment[0] = centre + along.min() * direction
+    segment[1] = centre + along.max() * direction
+    # Within its step a point is uniformly distributed; steps of neighbouring rings agree.
+    variance = max((half * half).sum() / (3.0 * n), (values[0] + values[1]) / (n - 2))
+    return segment, max(1.5 * np.sqrt(variance / n), 0.003)
 
 
 @njit(cache=True)
@@ -218,7 +223,7 @@ def _window(point, azimuth, ring_start, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _follow(middle, half, sign, rank, azimuth, ring_start, used, seed, other, chain):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def _follow(middle, half, sign, rank, azimuth, ring_start, used, seed, other, chain):  # type: ignore[no-untyped-def]
     """Extend the line through two steps ring by ring.
 
     Returns:
