@@ -217,4 +217,4 @@ def ring_from_elevation(cloud: Floats) -> Indices | None:
     valleys = np.array([a + np.argmin(smooth[a:b]) for a, b in pairwise(peaks)])
     if np.median(smooth[valleys] / np.minimum(smooth[peaks[:-1]], smooth[peaks[1:]])) > 0.3:
         return None
-    return np.searchsorted(valleys, bins, side="right")
+    return np.asarray(np.searchsorted(valleys, bins, side="right"))
