@@ -68,7 +68,8 @@ def find_planes(grid: ScanGrid) -> Planes:
     roots = roots[chosen]
     labels = spread(points, labels, vectors[roots], stride, turn, noise)
     matrices = sums[roots][:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    return Planes(labels, vectors[roots], np.linalg.inv(matrices), noise)
+    covariance = np.asarray(np.linalg.inv(matrices), np.float64)
+    return Planes(labels, vectors[roots], covariance, noise)
 
 
 def _renumbered(
