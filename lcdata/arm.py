@@ -184,11 +184,12 @@ class Arm:
             )
         return np.asarray(positions[..., [index[name] for name in self.joint_names]])
 
-    def check_limits(self, positions: ArrayLike) -> None:
+    def check_limits(self, positions: ArrayLike, tolerance: float = LIMIT_TOLERANCE_RAD) -> None:
         """Raise `ArmError` where a joint is outside its limits, naming joint, value and limit.
 
         Args:
             positions: (n,) encoder readings in the order of `joint_names`, radians.
+            tolerance: How far beyond a limit is still believed, radians.
         """
         for name, value in zip(self.joint_names, np.asarray(positions, float), strict=True):
             if not np.isfinite(value):
@@ -198,7 +199,7 @@ class Arm:
                 continue
             low = self.model.lowerPositionLimit[joint.idx_q]
             high = self.model.upperPositionLimit[joint.idx_q]
-            if not low - LIMIT_TOLERANCE_RAD <= value <= high + LIMIT_TOLERANCE_RAD:
+            if not low - tolerance <= value <= high + tolerance:
                 raise ArmError(
                     f"{name} is at {np.rad2deg(value):.2f} deg, outside its limits "
                     f"[{np.rad2deg(low):.2f}, {np.rad2deg(high):.2f}] deg",
