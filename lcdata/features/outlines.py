@@ -56,7 +56,7 @@ def outlines(
                 for attempt in range(8):
                     # A linear congruential generator: the same lines on every run.
                     state = np.uint32(state * np.uint32(1664525) + np.uint32(1013904223))
-                    drawn = begin + np.int64(state >> np.uint32(8)) % (last - begin)
+                    drawn = begin + int(state >> np.uint32(8)) % (last - begin)
                     if attempt == 0:
                         one = drawn
                         continue
@@ -78,7 +78,7 @@ def outlines(
                     bound = abs(h0[k] * n0 + h1[k] * n1 + h2[k] * n2) + eps
                     votes += np.int32(off < bound)
                 if votes > most:
-                    most, b0, b1, b2 = votes, n0, n1, n2
+                    most, b0, b1, b2 = int(votes), n0, n1, n2
             if most < FEWEST_POINTS:
                 break
             b0, b1, b2 = refit(u, h, begin, last, b0, b1, b2, eps)

@@ -8,6 +8,8 @@ is unbiased and needs no eigenvectors. Sums over any window come from one summed
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -169,4 +171,4 @@ def off_plane(a0: float, a1: float, a2: float, x: float, y: float, z: float, noi
     square = a0 * a0 + a1 * a1 + a2 * a2
     offset = inside - 1.0
     cosine = inside * inside / (square * (x * x + y * y + z * z))
-    return np.sqrt(offset * offset / (square * (noise * noise * cosine + ROUGHNESS_SQUARE)))
+    return math.sqrt(offset * offset / (square * (noise * noise * cosine + ROUGHNESS_SQUARE)))
