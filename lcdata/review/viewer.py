@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -60,16 +60,20 @@ def serve_command(path: Path, *, web: int, grpc: int, open_browser: bool) -> lis
 
 
 def viewer_command() -> str:
-    """Path of Rerun's executable, which its Python package brings.
+    """Path of Rerun's own executable, which its Python package brings.
+
+    Not the script `rerun` beside Python: that one starts the executable as a child, which would
+    go on serving when the script is ended.
 
     Raises:
         ReportError: It is not there.
     """
-    beside = Path(sys.executable).parent / ("rerun.exe" if os.name == "nt" else "rerun")
-    found = str(beside) if beside.is_file() else shutil.which("rerun")
-    if found is None:
-        raise ReportError("the command `rerun` is not there", "pip install --force rerun-sdk")
-    return found
+    package = importlib.util.find_spec("rerun_cli")
+    folder = Path(package.origin).parent if package and package.origin else Path()
+    for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"):
+        if package and (folder / name).is_file():
+            return str(folder / name)
+    raise ReportError("Rerun's viewer is not there", "pip install --force-reinstall rerun-sdk")
 
 
 def _run(command: Sequence[str]) -> None:
