@@ -62,7 +62,8 @@ class HandEye:
         scale: By how much the residuals exceed the given covariances (standard deviations).
         joint_offsets: (n,) radians to add to the encoders' readings; empty if not asked for.
         joint_offsets_std: (n,) their standard deviations.
-        clock_offset_s: Joint stamps lag by so much; NaN if not asked for.
+        clock_offset_s: dt where the joints were at positions + dt * velocities when the image was
+            taken; NaN if not asked for.
         clock_offset_std_s: Its standard deviation.
     """
 

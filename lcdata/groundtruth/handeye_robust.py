@@ -64,8 +64,8 @@ def fit(problem: Problem, weights: Weights, state: State) -> Fit:
         lengths = noise.update(state, everyone, robust=True)
         state = _minimise(problem, noise.whiten, loss(lengths), state, iterations=1)
     inliers = everyone
-    for _ in range(4):
-        lengths = noise.update(state, inliers, robust=False)
+    for robust in (True, False, False, False):  # at first the wrong ones are still in
+        lengths = noise.update(state, inliers, robust=robust)
         within = lengths < GATE if enough else everyone
         if not within.sum() >= min(4, len(within)):
             within = everyone  # more wrong than right: no majority to trust
