@@ -16,9 +16,9 @@ from lcdata.cli.calibrate import (
     Trials,
 )
 from lcdata.cli.common import (
-    EXIT_SOME_FAILED,
     Jobs,
     JsonFlag,
+    end_with,
     guarded,
     names,
     print_json,
@@ -104,12 +104,11 @@ def build(
             failures += results.failures
             summary |= {"results": results.to_dict(), "report": page, "review": review}
             lines += [*summary_lines(results), f"report: {page}", f"review: rerun {review}"]
-    summary["failures"] = failures
+    summary |= {"warnings": built.warnings, "failures": failures}
     if as_json:
         print_json(summary)
     else:
         print("\n".join(lines))
-    for failure in failures:
-        typer.echo(f"lcdata: {failure}", err=True)
-    if failures:
-        raise typer.Exit(EXIT_SOME_FAILED)
+    for warning in built.warnings:
+        typer.echo(f"lcdata: note: {warning}", err=True)
+    end_with(failures)

@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 from lcdata.cli.common import (
-    EXIT_SOME_FAILED,
     DatasetPath,
     Jobs,
     JsonFlag,
+    end_with,
     guarded,
     names,
     print_json,
@@ -39,7 +39,11 @@ def calibrate(
     init_translation: InitTranslation = 0.5,
     trials: Trials = 1,
     seed: Seed = 0,
+    joint: Annotated[
+        bool, typer.Option("--joint", help="Solve all pairs of an arm pose together.")
+    ] = False,
     jobs: Jobs = None,
+    force: Annotated[bool, typer.Option("--force", help="Compute stored results again.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Run methods from perturbed initial guesses and store the results."""
@@ -55,14 +59,13 @@ def calibrate(
             init_translation_m=init_translation,
             trials=trials,
             seed=seed,
+            group="pose" if joint else "pair",
             jobs=jobs,
+            force=force,
             progress=progress,
         )
     if as_json:
         print_json(results.to_dict())
     else:
         print("\n".join(summary_lines(results)))
-    if results.failures:
-        for failure in results.failures:
-            typer.echo(f"lcdata: {failure}", err=True)
-        raise typer.Exit(EXIT_SOME_FAILED)
+    end_with(results.failures)

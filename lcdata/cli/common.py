@@ -7,7 +7,7 @@ import functools
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
@@ -82,6 +82,14 @@ def fail(message: str) -> NoReturn:
     line = " ".join(message.split())
     print(f"lcdata: {line}", file=sys.stderr)
     raise typer.Exit(EXIT_FAILED)
+
+
+def end_with(failures: Sequence[str]) -> None:
+    """Name items that failed while others did not; exit code 3 if there are any."""
+    for failure in failures:
+        print(f"lcdata: {failure}", file=sys.stderr)
+    if failures:
+        raise typer.Exit(EXIT_SOME_FAILED)
 
 
 def print_json(content: Any) -> None:

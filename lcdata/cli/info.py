@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lcdata.cli.common import EXIT_SOME_FAILED, JsonFlag, guarded, print_json
+from lcdata.cli.common import JsonFlag, end_with, guarded, print_json
 from lcdata.errors import LcdataError
 
 EXAMPLE = "lcdata info recordings/gym"
@@ -44,7 +44,4 @@ def info(
             print("\n".join(summary.lines()), end="\n\n")
     if failures and not summaries:
         raise LcdataError(failures[0])
-    for failure in failures:
-        typer.echo(f"lcdata: {failure}", err=True)
-    if failures:
-        raise typer.Exit(EXIT_SOME_FAILED)
+    end_with(failures)
