@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -103,22 +103,27 @@ def simulate(
     worlds = [World(name, seed, measured) for name in names]
     offsets = joint_offsets(worlds[0].arm, seed, joint_offset_std_deg)
     check_same_tower(out, measured, worlds[0].mounts, offsets, force)
-    out.mkdir(parents=True, exist_ok=True)
-    lidar, lens = Ouster(columns, azimuth_window_deg), cameras.zed2i(width, height)
-    for world, path in zip(worlds, paths, strict=True):
-        schedule = _schedule(world, poses, pairs)
-        with tempfile.TemporaryDirectory(dir=out, prefix=f".{world.scenario}-") as temporary:
-            draft = Path(temporary) / path.name
-            with Bag(draft, format) as bag:
-                for _, write in _messages(
-                    world, schedule, lidar, lens, offsets, (image_format, quality), progress
-                ):
-                    write(bag)
-            for other in FORMATS:
-                _remove(bag_path(out, world.scenario, other))
-            draft.replace(path)
-        write_truth(out, world, schedule.positions, offsets)
-        write_rig(out, measured)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for world, path in zip(worlds, paths, strict=True):
+            schedule = _schedule(world, poses, pairs)
+            messages = _messages(
+                world,
+                schedule,
+                Ouster(columns, azimuth_window_deg),
+                cameras.zed2i(width, height),
+                offsets,
+                (image_format, quality),
+                progress,
+            )
+            _write(path, format, messages)
+            write_truth(out, world, schedule.positions, offsets)
+            write_rig(out, measured)
+    except OSError as error:
+        raise SimulationError(
+            f"{error.filename or out}: cannot be written ({error.strerror})",
+            "give another folder, or free some space",
+        ) from error
     return paths
 
 
@@ -128,6 +133,18 @@ def _check(what: str, values: Sequence[object], allowed: Sequence[object]) -> No
             raise SimulationError(
                 f"unknown {what} {value!r}", f"choose from {', '.join(map(str, allowed))}"
             )
+
+
+def _write(path: Path, format: str, messages: Iterable[tuple[int, Callable[[Bag], None]]]) -> None:
+    """Write a recording that is there in full or not at all, in place of any of its name."""
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}-") as temporary:
+        draft = Path(temporary) / path.name
+        with Bag(draft, format) as bag:
+            for _, write in messages:
+                write(bag)
+        for other in FORMATS:
+            _remove(bag_path(path.parent, path.stem, other))
+        draft.replace(path)
 
 
 def _remove(path: Path) -> None:

@@ -157,3 +157,9 @@ def test_nothing_is_left_of_an_interrupted_simulation(tmp_path: Path) -> None:
 def test_wrong_choices_are_named(tmp_path: Path, wrong: dict[str, object], message: str) -> None:
     with pytest.raises(SimulationError, match=message):
         simulate(tmp_path, **{**SMALL, **wrong})
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    with pytest.raises(SimulationError, match="taken: cannot be written"):
+        simulate(tmp_path / "taken", **SMALL)
