@@ -24,7 +24,7 @@ def gym(lcdata, sample_recordings, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("gym") / "dataset"
     done = lcdata("build", sample_recordings / "gym", "-o", out, "--no-calibrate", "--json")
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["pairs"] == 10
+    assert json.loads(done.stdout)["pairs"] == 5
     return out
 
 
@@ -71,7 +71,7 @@ def test_a_folder_that_is_no_data_set_is_left_alone(lcdata, sample_recordings, t
 def test_info_prints_topics_dwells_and_a_rig(lcdata, sample_recordings):
     done = lcdata("info", sample_recordings / "gym")
     assert done.returncode == 0, done.stderr
-    for word in ("/ouster/points", "gym/pose_004", "128 rings", "10 pairs"):
+    for word in ("/ouster/points", "gym/pose_004", "128 rings", "5 pairs"):
         assert word in done.stdout
     as_json = json.loads(lcdata("info", sample_recordings / "gym", "--json").stdout)
     assert len(as_json["recordings"]) == 1
