@@ -50,6 +50,9 @@ pairs, 0.06-0.19 at wrong ones."""
 MIN_CONTRAST = 2.8
 """See `contrast`: 3-15 at right poses, mostly below 2 at wrong ones, up to 4 on road scans."""
 
+LEFT_BOX = 1.6
+"""Largest correction of the initial guess on one axis, in half-widths of the search."""
+
 CORRELATION = 4.0
 """Variance of the estimate over that of independent lines, measured on simulated pairs.
 
@@ -171,10 +174,10 @@ class LineCalibrator(Calibrator):
         stands_out = contrast(objective, T)
         if stands_out < MIN_CONTRAST:
             found.append(f"poses around fit nearly as well (contrast {stands_out:.1f})")
-        turned = np.rad2deg(se3.rotation_error(T, T_initial)) / self.search_rotation_deg
-        moved = se3.translation_error(T, T_initial) / self.search_translation_m
-        if max(turned, moved) > 1.2 * np.sqrt(3.0):
-            found.append("left the box of the search")
+        turned = se3.log(T @ se3.inverse(T_initial))[3:] / np.deg2rad(self.search_rotation_deg)
+        moved = (T - T_initial)[:3, 3] / self.search_translation_m
+        if max(np.abs(turned).max(), np.abs(moved).max()) > LEFT_BOX:
+            found.append("left the box of the search: widen it")
         return found
 
 

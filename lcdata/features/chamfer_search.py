@@ -58,6 +58,9 @@ class Stage:
     samples: int
 
 
+WIDEST = 2.0
+"""How far children may leave the box of the first stage, in its half-widths."""
+
 COARSE = Stage(60.0, 1.0, 6)
 ROUNDS = (
     Stage(60.0, 0.25, 8),
@@ -167,7 +170,7 @@ def search(
     deltas, costs = deltas[best], costs[best]
     for stage in ROUNDS:
         deltas = np.concatenate([deltas, _children(deltas, stage.spread * box, options, rng)])
-        deltas = np.clip(deltas, -1.2 * box, 1.2 * box)
+        deltas = np.clip(deltas, -WIDEST * box, WIDEST * box)
         costs = objective(displaced(T_initial, deltas), stage)
         best = _different(deltas / box, costs, options.keep, 0.3 * stage.spread)
         deltas, costs = deltas[best], costs[best]
