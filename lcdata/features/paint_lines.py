@@ -81,7 +81,13 @@ def extract_paint_lines(
     middle, half, sign, azimuth = middle[order], half[order], sign[order], azimuth[order]
     step_rank = rank[index][order]
     ring_start = np.searchsorted(step_rank, np.arange(step_rank[-1] + 2))
-    segments, std = _chains(middle, half, sign, step_rank, azimuth, ring_start)
+    count, member = _chains(middle, half, sign, step_rank, azimuth, ring_start)
+    if count == 0:
+        return nothing
+    chosen = np.argsort(member, kind="stable")[np.count_nonzero(member < 0) :]
+    groups = np.split(chosen, np.cumsum(np.bincount(member[chosen]))[:-1])
+    fits = [_fit(middle[group], half[group]) for group in groups]
+    segments, std = np.array([f[0] for f in fits]), np.array([f[1] for f in fits])
     keep = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > SHORTEST_M
     return segments[keep], std[keep]
 
@@ -134,136 +140,138 @@ def _steps(cloud, light, rank, contrast):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _distance(points, i, j):  # type: ignore[no-untyped-def]
+    x, y, z = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+    return (x * x + y * y + z * z) ** 0.5
+
+
+@njit(cache=True)
 def _lonely(middle, sign, rank):  # type: ignore[no-untyped-def]
     """Which steps are not one of several of the same sign: texture, bricks, stripes."""
     n = len(middle)
     lonely = np.ones(n, np.bool_)
     for i in range(n):
-        rivals = 0
         for direction in (-1, 1):
             for k in range(1, 7):
                 j = i + direction * k
-                if j < 0 or j >= n or rank[j] != rank[i]:
+                if j < 0 or j >= n or rank[j] != rank[i] or _distance(middle, i, j) > LONELY_M:
                     break
-                d = middle[j] - middle[i]
-                if (d * d).sum() > LONELY_M**2:
-                    break
-                rivals += sign[j] == sign[i]
-        lonely[i] = rivals == 0
+                if sign[j] == sign[i]:
+                    lonely[i] = False
     return lonely
 
 
 @njit(cache=True)
 def _chains(middle, half, sign, rank, azimuth, ring_start):  # type: ignore[no-untyped-def]
-    """Straight chains of steps from ring to ring, longest first come first served by seed."""
+    """Straight chains of steps from ring to ring.
+
+    Returns:
+        Number of chains, and for each step its chain or -1.
+    """
     n = len(middle)
     rings = len(ring_start) - 1
-    used = np.zeros(n, np.bool_)
-    segments = np.empty((n, 2, 3))
-    std = np.empty(n)
+    member = np.full(n, -1, np.int64)
     count = 0
     chain = np.empty(rings, np.int64)
     best = np.empty(rings, np.int64)
     for seed in range(n):
-        if used[seed]:
+        if member[seed] >= 0:
             continue
         best_size = 0
-        for gap in range(1, 3):
-            r = rank[seed] + gap
-            if r >= rings:
-                continue
-            low_i, high_i = _window(middle[seed], azimuth, ring_start, r)
-            for other in range(low_i, high_i):
-                if used[other] or sign[other] != sign[seed]:
-                    continue
-                first = middle[other] - middle[seed]
-                length = np.sqrt((first * first).sum())
-                if length > LARGEST_GAP_M or length < 1e-3:
-                    continue
-                size = _follow(
-                    middle, half, sign, rank, azimuth, ring_start, used, seed, other, chain
-                )
-                if size > best_size:
-                    best_size = size
-                    best[:size] = chain[:size]
-        if best_size < FEWEST_RINGS:
-            continue
-        for i in range(best_size):
-            used[best[i]] = True
-        segments[count], std[count] = _fit(middle[best[:best_size]], half[best[:best_size]])
-        count += 1
-    return segments[:count].copy(), std[:count].copy()
+        for r in range(rank[seed] + 1, min(rank[seed] + 3, rings)):
+            i = _first(middle, seed, azimuth, ring_start, r)
+            while i < ring_start[r + 1] and azimuth[i] < azimuth[seed] + _reach(middle, seed):
+                if member[i] < 0 and sign[i] == sign[seed]:
+                    length = _distance(middle, i, seed)
+                    if 1e-3 < length < LARGEST_GAP_M:
+                        size = _follow(
+                            middle, half, sign, rank, azimuth, ring_start, member, seed, i, chain
+                        )
+                        if size > best_size:
+                            best_size = size
+                            best[:size] = chain[:size]
+                i += 1
+        if best_size >= FEWEST_RINGS:
+            for i in range(best_size):
+                member[best[i]] = count
+            count += 1
+    return count, member
 
 
 @njit(cache=True)
-def _fit(points, half):  # type: ignore[no-untyped-def]
-    """Segment through points that are uncertain by `half` a step, and its deviation, metres."""
-    n = len(points)
-    centre = points.sum(0) / n
-    away = points - centre
-    values, vectors = np.linalg.eigh(away.T @ away)
-    direction = np.ascontiguousarray(vectors[:, 2])
-    along = away @ direction
-    segment = np.empty((2, 3))
-    segment[0] = centre + along.min() * direction
-    segment[1] = centre + along.max() * direction
-    # Within its step a point is uniformly distributed; steps of neighbouring rings agree.
-    variance = max((half * half).sum() / (3.0 * n), (values[0] + values[1]) / (n - 2))
-    return segment, max(1.5 * np.sqrt(variance / n), 0.003)
+def _reach(middle, i):  # type: ignore[no-untyped-def]
+    """Azimuth within which a point can lie at the largest gap from step i."""
+    return 1.1 * LARGEST_GAP_M / (middle[i, 0] ** 2 + middle[i, 1] ** 2) ** 0.5
 
 
 @njit(cache=True)
-def _window(point, azimuth, ring_start, r):  # type: ignore[no-untyped-def]
-    """Range of the steps of ring r that can lie within the largest gap of a point."""
-    reach = 1.1 * LARGEST_GAP_M / np.sqrt(point[0] ** 2 + point[1] ** 2)
-    at = np.arctan2(point[1], point[0])
-    ring = azimuth[ring_start[r] : ring_start[r + 1]]
-    low, high = np.searchsorted(ring, at - reach), np.searchsorted(ring, at + reach)
-    return ring_start[r] + low, ring_start[r] + high
+def _first(middle, step, azimuth, ring_start, r):  # type: ignore[no-untyped-def]
+    """First step of ring r that can lie within the largest gap of a step, by bisection."""
+    least = azimuth[step] - _reach(middle, step)
+    low, high = ring_start[r], ring_start[r + 1]
+    while low < high:
+        middle_i = (low + high) // 2
+        if azimuth[middle_i] < least:
+            low = middle_i + 1
+        else:
+            high = middle_i
+    return low
 
 
 @njit(cache=True)
-def _follow(middle, half, sign, rank, azimuth, ring_start, used, seed, other, chain):  # type: ignore[no-untyped-def]
+def _follow(  # type: ignore[no-untyped-def]
+    middle, half, sign, rank, azimuth, ring_start, member, seed, other, chain
+):
     """Extend the line through two steps ring by ring.
 
     Returns:
         Number of steps on the line, their indices in `chain`; 0 in a regular pattern, where the
         next ring's step could as well be that of a neighbour.
     """
-    rings = len(ring_start) - 1
     chain[0], chain[1] = seed, other
     size, missed, doubtful = 2, 0, 0
-    start, last = middle[seed], middle[other]
-    for r in range(rank[other] + 1, rings):
-        direction = last - start
-        direction = direction / np.sqrt((direction * direction).sum())
+    last = other
+    x0, y0, z0 = middle[seed, 0], middle[seed, 1], middle[seed, 2]
+    for r in range(rank[other] + 1, len(ring_start) - 1):
+        reach = _distance(middle, last, seed)
+        ux = (middle[last, 0] - x0) / reach
+        uy = (middle[last, 1] - y0) / reach
+        uz = (middle[last, 2] - z0) / reach
         nearest, least, rivals = -1, 1e9, 0
-        low_i, high_i = _window(last, azimuth, ring_start, r)
-        for i in range(low_i, high_i):
-            if used[i] or sign[i] != sign[seed]:
-                continue
-            d = middle[i] - last
-            along = (d * direction).sum()
-            if along <= 0.0 or along > LARGEST_GAP_M * (1 + missed):
-                continue
-            d = middle[i] - start
-            along = (d * direction).sum()
-            off = np.sqrt(max((d * d).sum() - along * along, 0.0))
-            reach = np.sqrt(((last - start) ** 2).sum())
-            # The direction from few points extrapolates badly.
-            limit = (half[i] + 0.01) * min(1.0 + along / max(reach, 1e-3), 3.0)
-            if off < LONELY_M:
-                rivals += 1
-            if off < limit and off < least:
-                nearest, least = i, off
+        i = _first(middle, last, azimuth, ring_start, r)
+        while i < ring_start[r + 1] and azimuth[i] < azimuth[last] + _reach(middle, last):
+            if member[i] < 0 and sign[i] == sign[seed]:
+                x, y, z = middle[i, 0] - x0, middle[i, 1] - y0, middle[i, 2] - z0
+                along = x * ux + y * uy + z * uz
+                if reach < along < reach + LARGEST_GAP_M * (1 + missed):
+                    off = max(x * x + y * y + z * z - along * along, 0.0) ** 0.5
+                    if off < LONELY_M:
+                        rivals += 1
+                    # The direction from few points extrapolates badly.
+                    limit = (half[i] + 0.01) * min(1.0 + along / reach, 3.0)
+                    if off < limit and off < least:
+                        nearest, least = i, off
+            i += 1
         if nearest < 0:
             missed += 1
             if missed > 1:
                 break
-            continue
-        missed = 0
-        doubtful += rivals > 1
-        chain[size] = nearest
-        size += 1
-        last = middle[nearest]
+        else:
+            missed = 0
+            if rivals > 1:
+                doubtful += 1
+            chain[size] = nearest
+            size += 1
+            last = nearest
     return size if 4 * doubtful < size else 0
+
+
+def _fit(points: Array, half: Array) -> tuple[Array, float]:
+    """Segment through points that are uncertain by `half` a step, and its deviation, metres."""
+    centre = points.mean(0)
+    values, vectors = np.linalg.eigh((points - centre).T @ (points - centre))
+    along = (points - centre) @ vectors[:, 2]
+    segment = centre + np.outer([along.min(), along.max()], vectors[:, 2])
+    # Within its step a point is uniformly distributed; steps of neighbouring rings agree.
+    variance = max(float((half**2).mean()) / 3.0, (values[0] + values[1]) / (len(points) - 2))
+    return segment, max(1.5 * float(np.sqrt(variance / len(points))), 0.003)
