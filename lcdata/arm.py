@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from lcdata.arm_offsets import read_offsets_file
 from lcdata.arm_urdf import find_urdf, model_directory
 from lcdata.errors import ArmError
 
@@ -35,6 +35,9 @@ class Arm:
         base_frame: Frame that the arm stands on, T_base_lidar's frame `base`.
         effector_frame: Frame that carries the camera, T_camera_effector's frame `effector`.
         joint_offsets: Radians added to the encoder's reading, by joint name.
+        offset_covariance: (n, n) of the offsets in rad^2, in the order of `joint_names`, NaN on
+            the diagonal of joints of which nothing is known; None if nothing is known of any.
+        serial: Serial number that the offsets belong to; empty if it is not known.
 
     Raises:
         ArmError: Unreadable URDF, unknown frame, unknown joint in the offsets.
@@ -44,6 +47,8 @@ class Arm:
     base_frame: str = "base_link"
     effector_frame: str = "end_effector_link"
     joint_offsets: dict[str, float] = field(default_factory=dict)
+    offset_covariance: Array | None = None
+    serial: str = ""
 
     model: Any = field(init=False, repr=False)
     joint_names: tuple[str, ...] = field(init=False)
@@ -74,10 +79,38 @@ class Arm:
         effector_frame: str = "end_effector_link",
         joint_offsets: Path | None = None,
         relative_to: Path | None = None,
+        serial: str = "",
     ) -> Arm:
-        """Arm by its model's name or URDF path; `joint_offsets` is a per-serial YAML."""
-        offsets = read_joint_offsets(joint_offsets) if joint_offsets else {}
-        return cls(find_urdf(model, relative_to), base_frame, effector_frame, offsets)
+        """Arm by its model's name or URDF path.
+
+        Args:
+            model: See `find_urdf`.
+            base_frame: Frame that the arm stands on.
+            effector_frame: Frame that carries the camera.
+            joint_offsets: A per-serial YAML.
+            relative_to: Folder that a relative `model` starts from.
+            serial: Serial number of the arm; offsets of another one are refused.
+
+        Raises:
+            ArmError: Unknown model or frame, unreadable offsets, offsets of another arm.
+        """
+        arm = cls(find_urdf(model, relative_to), base_frame, effector_frame, serial=serial)
+        return arm.with_offsets_of(joint_offsets) if joint_offsets else arm
+
+    def with_offsets_of(self, path: Path) -> Arm:
+        """The same arm with the joint offsets of a per-serial YAML in place of its own.
+
+        Raises:
+            ArmError: Unreadable, or of another arm: model, URDF, serial or joints differ.
+        """
+        read = read_offsets_file(path)
+        read.check(self.urdf.stem, self.sha256, self.serial)
+        return replace(
+            self,
+            joint_offsets=read.offsets,
+            offset_covariance=read.covariance_of(self.joint_names),
+            serial=self.serial or read.serial,
+        )
 
     @property
     def sha256(self) -> str:
@@ -277,19 +310,7 @@ def read_joint_offsets(path: Path) -> dict[str, float]:
     Raises:
         ArmError: Not readable, or not of this form.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ArmError(f"{path}: cannot read joint offsets ({_first_line(error)})") from error
-    offsets = content.get("offsets_deg") if isinstance(content, dict) else None
-    if not isinstance(offsets, dict):
-        raise ArmError(
-            f"{path}: no key offsets_deg", "write offsets_deg: {joint_1: 0.12, ...} in degrees"
-        )
-    for name, value in offsets.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise ArmError(f"{path}: offset of {name} is {value!r}", "give degrees")
-    return {str(name): float(np.deg2rad(value)) for name, value in offsets.items()}
+    return read_offsets_file(path).offsets
 
 
 def _first_line(error: Exception) -> str:

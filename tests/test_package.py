@@ -17,6 +17,7 @@ FLOORS = {
     "geometry": 1.1,
     "arm_chain": 1.15,
     "arm_kernels": 1.15,
+    "arm_offsets": 1.15,
     "arm_urdf": 1.15,
     "arm": 1.2,
     "pair": 1.2,

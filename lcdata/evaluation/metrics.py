@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcdata.geometry import se3
+from lcdata.groundtruth.budget import variances
 
 if TYPE_CHECKING:
     from lcdata.evaluation.results import TrialResult
@@ -52,22 +53,14 @@ class Sigma(NamedTuple):
 def groundtruth_sigma(T_reference: ArrayLike, covariance: ArrayLike | None) -> Sigma:
     """The two error norms that a perfect estimate is expected to have (root mean square).
 
-    A left perturbation (u, w) turns the rotation by |w| and moves the translation p by
-    u + w x p, so the translation's variance is that of [1, -[p]x] (u, w).
-
     Args:
         T_reference: 4x4 ground truth.
         covariance: 6x6, translation then rotation; None or NaN where unknown.
     """
     if covariance is None or not np.isfinite(np.asarray(covariance, float)).all():
         return Sigma(math.nan, math.nan)
-    covariance = np.asarray(covariance, float)
-    to_translation = np.hstack([np.eye(3), -se3.skew(np.asarray(T_reference, float)[:3, 3])])
-    translation = to_translation @ covariance @ to_translation.T
-    return Sigma(
-        math.degrees(math.sqrt(max(0.0, np.trace(covariance[3:, 3:])))),
-        math.sqrt(max(0.0, np.trace(translation))),
-    )
+    translation, rotation = variances(T_reference, covariance)
+    return Sigma(math.degrees(math.sqrt(max(0.0, rotation))), math.sqrt(max(0.0, translation)))
 
 
 class Quartiles(NamedTuple):

@@ -8,7 +8,7 @@ measured by hand, the middle one is the inverse of the arm's forward kinematics.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcdata.arm import Arm
 from lcdata.errors import RigError
 from lcdata.geometry import se3
+from lcdata.groundtruth.budget import drift
 from lcdata.rig import Rig
 
 Array = NDArray[np.float64]
@@ -32,6 +33,8 @@ class PoseTruth:
         T_camera_effector: 4x4 hand-measured link; None without an arm.
         T_effector_base: 4x4, inverse of the forward kinematics; None without an arm.
         T_base_lidar: 4x4 hand-measured link; None without an arm.
+        budget: 6x6 covariance from each source, see `budget.SOURCES`; their sum is `covariance`.
+            Empty where nothing is known.
     """
 
     T_camera_lidar: Array
@@ -39,6 +42,7 @@ class PoseTruth:
     T_camera_effector: Array | None = None
     T_effector_base: Array | None = None
     T_base_lidar: Array | None = None
+    budget: dict[str, Array] = field(default_factory=dict)
 
 
 def arm_truth(
@@ -47,25 +51,30 @@ def arm_truth(
     positions: ArrayLike,
     scatter: ArrayLike | None = None,
     samples: int = 1,
+    duration_s: float = 0.0,
 ) -> PoseTruth:
     """Ground truth of a dwell of the arm.
 
-    The covariance of `T_true = exp(xi) @ T_camera_lidar` sums three independent parts. With
+    The covariance of `T_true = exp(xi) @ T_camera_lidar` sums independent parts. With
     X = T_camera_effector, A = T_effector_base, J the effector's Jacobian in its own axes, and
     left perturbations of the two hand-measured links:
 
-        xi = xi_X - Ad(X) J dq + Ad(X A) xi_Z
+        xi = xi_X - Ad(X) J (dq_encoders + dq_offsets + v dt) + Ad(X A) xi_Z
 
-    What the encoders get wrong (zero point, gear, backlash) is the same in every sample of a
+    What the encoders get wrong at a pose (gear, backlash) is the same in every sample of a
     dwell, so the rig's encoder standard deviation does not shrink with the number of samples;
-    only the scatter within the dwell does.
+    only the scatter within the dwell does. Joint offsets are the same at every pose of an arm:
+    their part is right for each pose, yet does not average out over poses. Nor do those of the
+    two links. v is at most the drift within the dwell, which stands still but for that.
 
     Args:
         rig: Hand-measured links with standard deviations, encoder standard deviation.
-        arm: Arm model.
+        arm: Arm model; the covariance of its joint offsets, where known, replaces the rig's
+            standard deviation.
         positions: (n,) mean joint positions over the dwell in radians, in the arm's order.
         scatter: (n,) standard deviation within the dwell in radians.
         samples: Number of joint states in the dwell.
+        duration_s: How long the dwell lasted.
 
     Raises:
         RigError: The rig has no arm's links.
@@ -74,20 +83,34 @@ def arm_truth(
     if rig.T_camera_effector is None or rig.T_base_lidar is None:
         raise RigError("the rig has no T_camera_effector and T_base_lidar", "add both")
     positions = np.asarray(positions, float)
+    spread = np.zeros_like(positions) if scatter is None else np.asarray(scatter, float)
     arm.check_limits(positions)
     X, Z = rig.T_camera_effector.T, rig.T_base_lidar.T
     A = se3.inverse(arm.forward(positions))
-    variance = np.full(positions.shape, np.deg2rad(rig.arm.encoder_std_deg) ** 2)
-    if scatter is not None:
-        variance = variance + np.square(np.asarray(scatter, float)) / max(samples, 1)
     by_joints = se3.adjoint(X) @ arm.jacobian(positions)
     by_lidar_link = se3.adjoint(X @ A)
-    covariance = (
-        rig.T_camera_effector.covariance
-        + (by_joints * variance) @ by_joints.T
-        + by_lidar_link @ rig.T_base_lidar.covariance @ by_lidar_link.T
-    )
-    return PoseTruth(X @ A @ Z, (covariance + covariance.T) / 2, X, A, Z)
+    encoders = np.deg2rad(rig.arm.encoder_std_deg) ** 2 + spread**2 / max(samples, 1)
+    clock = (drift(spread, duration_s) * rig.clock_offset_std_s) ** 2
+    budget = {
+        "encoders": (by_joints * encoders) @ by_joints.T,
+        "joint_offsets": by_joints @ offset_covariance(rig, arm) @ by_joints.T,
+        "clock_offset": (by_joints * clock) @ by_joints.T,
+        "T_camera_effector": rig.T_camera_effector.covariance,
+        "T_base_lidar": by_lidar_link @ rig.T_base_lidar.covariance @ by_lidar_link.T,
+    }
+    budget = {name: (part + part.T) / 2 for name, part in budget.items()}
+    return PoseTruth(X @ A @ Z, np.sum(list(budget.values()), axis=0), X, A, Z, budget)
+
+
+def offset_covariance(rig: Rig, arm: Arm) -> Array:
+    """(n, n) covariance of the joints' zero points in rad^2.
+
+    That of the arm's offsets file, where it has one; the rig's standard deviation elsewhere.
+    """
+    n = len(arm.joint_names)
+    result = np.full((n, n), np.nan) if arm.offset_covariance is None else arm.offset_covariance
+    by_rig = np.eye(n) * np.deg2rad(rig.arm.joint_offset_std_deg) ** 2
+    return np.where(np.isnan(result), by_rig, result)
 
 
 def static_truth(rig: Rig, T_camera_lidar: ArrayLike | None = None) -> PoseTruth:
@@ -101,7 +124,10 @@ def static_truth(rig: Rig, T_camera_lidar: ArrayLike | None = None) -> PoseTruth
         RigError: Neither gives an extrinsic.
     """
     if rig.T_camera_lidar is not None:
-        return PoseTruth(rig.T_camera_lidar.T, rig.T_camera_lidar.covariance)
+        covariance = rig.T_camera_lidar.covariance
+        known = np.isfinite(covariance).all()
+        budget = {"T_camera_lidar": covariance} if known else {}
+        return PoseTruth(rig.T_camera_lidar.T, covariance, budget=budget)
     if T_camera_lidar is None:
         raise RigError(
             "ground_truth: static, and no extrinsic in /tf_static",

@@ -24,6 +24,7 @@ arm:
   model: gen3_lite
   base_frame: base_link
   effector_frame: end_effector_link
+  joint_offset_std_deg: 0.0
   encoder_std_deg: 0.02
 T_camera_effector:
   translation_m: [0.062, 0.041, -0.035]
