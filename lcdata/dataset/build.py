@@ -12,17 +12,25 @@ from pathlib import Path
 from typing import Any, Self
 
 from lcdata.dataset import schema
+from lcdata.dataset.arms import describe_arm, store_urdf
 from lcdata.dataset.journal import NAME, Journal
 from lcdata.dataset.package import Part, Progress, package
 from lcdata.dataset.reader import Dataset, read_info
 from lcdata.dataset.schema import DatasetInfo
-from lcdata.dataset.sources import check_names, describe_arm, describe_source, find_rig
+from lcdata.dataset.sources import check_names, describe_source, find_rig
 from lcdata.dataset.writer import write_index
 from lcdata.errors import DatasetError, LcdataError
 from lcdata.recording.source import find_recordings, open_recording
 from lcdata.rig import load_rig
 
-RESERVED = (schema.RESULTS, schema.REPORT, schema.REVIEW, NAME)
+RESERVED = (
+    schema.RESULTS,
+    schema.REPORT,
+    schema.REVIEW,
+    schema.GROUNDTRUTH,
+    schema.ARM_URDF,
+    NAME,
+)
 
 
 @dataclass(frozen=True)
@@ -127,6 +135,8 @@ def build(
             pairs_per_pose=pairs_per_pose,
             failures=tuple(failures),
         )
+        if arm:
+            store_urdf(out, arm)
         write_index(out, info, pairs, poses)
         journal.close_build()
     return BuildSummary.of(Dataset.open(out))
@@ -137,7 +147,7 @@ def _already_built(out: Path, what: dict[str, Any]) -> BuildSummary | None:
     if not (out / schema.INFO).is_file():
         return None
     info = read_info(out)
-    plain = info.to_dict()
+    plain = info.to_dict() | info.as_built
     if any(schema.plain(plain[key]) != schema.plain(what[key]) for key in what):
         return None
     dataset = Dataset.open(out)

@@ -135,7 +135,12 @@ def _ground_truth(
         assert dwell is not None
         try:
             truths[plan.pose_id] = arm_truth(
-                rig, arm, dwell.positions_mean, dwell.positions_std, dwell.samples
+                rig,
+                arm,
+                dwell.positions_mean,
+                dwell.positions_std,
+                dwell.samples,
+                (dwell.end_ns - dwell.start_ns) * 1e-9,
             )
         except ArmError as error:
             failures[plan.pose_id] = str(error)
@@ -201,6 +206,7 @@ def _pose_record(scenario: str, plan: PosePlan, truth: PoseTruth) -> PoseRecord:
         T_camera_effector=truth.T_camera_effector,
         T_effector_base=truth.T_effector_base,
         T_base_lidar=truth.T_base_lidar,
+        budget=truth.budget,
     )
 
 

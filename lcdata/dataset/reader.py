@@ -8,18 +8,21 @@ from dataclasses import dataclass
 from dataclasses import fields as columns
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lcdata.dataset import cloud_file, journal, schema
+from lcdata.dataset import arms, cloud_file, journal, schema
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord
 from lcdata.errors import DatasetError, GeometryError, MessageError
 from lcdata.geometry.camera import Camera
 from lcdata.pair import Pair
 from lcdata.recording import fields, images
 from lcdata.rig import Rig
+
+if TYPE_CHECKING:
+    from lcdata.arm import Arm
 
 T = TypeVar("T")
 
@@ -54,12 +57,12 @@ class Dataset:
         path = Path(path)
         info = read_info(path)
         pairs = [PairRecord(**row) for row in _rows(path / schema.PAIRS, PairRecord)]
-        try:
-            poses = [PoseRecord.from_row(row) for row in _rows(path / schema.POSES, PoseRecord)]
-        except (GeometryError, TypeError, ValueError) as error:
-            raise DatasetError(f"{path / schema.POSES}: damaged ({error})") from error
+        poses = read_poses(path / schema.POSES)
+        kept = path / schema.version_file(info.groundtruth_version)
+        if any(p.groundtruth_version != info.groundtruth_version for p in poses) and kept.is_file():
+            # `lcdata groundtruth` was killed between its last two files: dataset.json counts
+            poses = read_poses(kept)
         pairs.sort(key=lambda record: schema.in_order(record.pair_id))
-        poses.sort(key=lambda record: schema.in_order(record.pose_id))
         return cls(path, info, tuple(pairs), tuple(poses))
 
     def __len__(self) -> int:
@@ -97,6 +100,15 @@ class Dataset:
     def camera(self, scenario: str) -> Camera:
         """Camera of a recording."""
         return _look_up(self.info.scenarios, scenario, "scenario", self.path).camera
+
+    def load_arm(self) -> Arm:
+        """The arm that the ground truth is of: no file beside the data set is needed.
+
+        Raises:
+            DatasetError: It was made without an arm, or with another URDF of the arm's name.
+            ArmError: Its model is not in this package.
+        """
+        return arms.load_arm(self.path, self.info, self.rig)
 
     def load(self, pair_id: str) -> Pair:
         """Image, cloud and ground truth of a pair.
@@ -173,6 +185,19 @@ def read_info(path: Path) -> DatasetInfo:
     return DatasetInfo.from_dict(content, file)
 
 
+def read_poses(path: Path) -> list[PoseRecord]:
+    """Rows of a poses.parquet, sorted by pose_id.
+
+    Raises:
+        DatasetError: Not there, or damaged.
+    """
+    try:
+        poses = [PoseRecord.from_row(row) for row in _rows(path, PoseRecord)]
+    except (GeometryError, TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: damaged ({error})") from error
+    return sorted(poses, key=lambda record: schema.in_order(record.pose_id))
+
+
 def read_image(path: Path) -> NDArray[np.uint8]:
     """(H, W) or (H, W, 3) RGB of an image file, as stored: no rotation by EXIF.
 
@@ -212,12 +237,14 @@ def _values(records: NDArray[np.void], name: str | None, dtype: DTypeLike) -> ND
 
 def _rows(path: Path, record: type[Any]) -> list[dict[str, Any]]:
     """Rows of an index file; columns that this version does not know are left out."""
-    names = [f.name for f in columns(record)]
+    names = [f.name for f in columns(record) if f.name != "budget"]
     table = read_table(path)
     missing = [name for name in names if name not in table.column_names]
     if missing:
         raise DatasetError(f"{path}: no column {', '.join(missing)}", "build the data set again")
-    rows: list[dict[str, Any]] = table.select(names).to_pylist()
+    rows: list[dict[str, Any]] = table.select(
+        [*names, *(name for name in schema.BUDGET.values() if name in table.column_names)]
+    ).to_pylist()
     return rows
 
 

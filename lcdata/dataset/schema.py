@@ -3,6 +3,8 @@
     dataset.json      how the data set was made, one entry a scenario
     pairs.parquet     one row a LiDAR-camera pair
     poses.parquet     one row an arm pose with its ground truth
+    groundtruth/      poses.parquet of every version, once there is more than one
+    arm.urdf          the arm's model, where the package does not have it
 
 Transforms are stored as x y z (m) qx qy qz qw, covariances as 36 numbers, row by row,
 translation before rotation.
@@ -14,7 +16,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +27,7 @@ from lcdata import __version__
 from lcdata.errors import DatasetError
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
+from lcdata.groundtruth.budget import SOURCES
 
 Array = NDArray[np.float64]
 
@@ -33,8 +36,12 @@ SCHEMA_VERSION = 1
 
 INFO, PAIRS, POSES = "dataset.json", "pairs.parquet", "poses.parquet"
 RESULTS, REPORT, REVIEW = "results", "report", "review.rrd"
+GROUNDTRUTH, ARM_URDF = "groundtruth", "arm.urdf"
 
 LINKS = ("T_camera_effector", "T_effector_base", "T_base_lidar")
+
+BUDGET = {source: f"covariance_{source}" for source in SOURCES}
+"""Columns of the covariance from each source; older data sets lack them."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,8 @@ class PoseRecord:
         T_effector_base: 4x4 link of the chain; None without an arm.
         T_base_lidar: 4x4 link of the chain; None without an arm.
         groundtruth_version: Version of the ground truth; the data set's own.
+        budget: 6x6 covariance from each source of uncertainty, see `groundtruth.budget`; they
+            add up to `covariance`. Empty where that is unknown.
     """
 
     pose_id: str
@@ -103,6 +112,7 @@ class PoseRecord:
     T_effector_base: Array | None
     T_base_lidar: Array | None
     groundtruth_version: str = ""
+    budget: dict[str, Array] = field(default_factory=dict)
 
     def to_row(self) -> dict[str, Any]:
         """Plain values, as poses.parquet has them."""
@@ -112,17 +122,26 @@ class PoseRecord:
         for name in ("joint_positions", "joint_positions_std"):
             row[name] = np.asarray(row[name], float).tolist()
         row["covariance"] = np.asarray(self.covariance, float).reshape(36).tolist()
+        del row["budget"]
+        for source, column in BUDGET.items():
+            part = self.budget.get(source)
+            row[column] = None if part is None else np.asarray(part, float).reshape(36).tolist()
         return row
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> Self:
         """The record of a row of poses.parquet; columns of others are ignored."""
-        values = {f.name: row[f.name] for f in fields(cls)}
+        values = {f.name: row[f.name] for f in fields(cls) if f.name != "budget"}
         for name in ("T_camera_lidar", *LINKS):
             values[name] = None if values[name] is None else se3.from_xyz_xyzw(values[name])
         for name in ("joint_positions", "joint_positions_std"):
             values[name] = np.array(values[name], float)
         values["covariance"] = np.array(values["covariance"], float).reshape(6, 6)
+        values["budget"] = {
+            source: np.array(row[column], float).reshape(6, 6)
+            for source, column in BUDGET.items()
+            if row.get(column) is not None
+        }
         return cls(**values)
 
 
@@ -160,6 +179,8 @@ class DatasetInfo:
         failures: Recordings, poses and pairs that could not be used, a line each.
         schema_version: `SCHEMA_VERSION` of the writer.
         lcdata_version: Version of the package that wrote it.
+        groundtruth_history: Versions of the ground truth before the present one, oldest first:
+            `version`, `rig`, `arm`, and what changed then, see `dataset.regenerate`.
     """
 
     rig: dict[str, Any]
@@ -172,6 +193,16 @@ class DatasetInfo:
     failures: tuple[str, ...] = ()
     schema_version: int = SCHEMA_VERSION
     lcdata_version: str = __version__
+    groundtruth_history: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def as_built(self) -> dict[str, Any]:
+        """Rig and arm that the data set was built with, whatever its ground truth is of now."""
+        first = self.groundtruth_history[0] if self.groundtruth_history else None
+        return {
+            "rig": first["rig"] if first else self.rig,
+            "arm": first["arm"] if first else self.arm,
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, versions first."""
@@ -195,6 +226,7 @@ class DatasetInfo:
             raise DatasetError(f"{path}: no schema_version", "this is no lcdata data set")
         check_version(version, path)
         try:
+            content = {"groundtruth_history": (), **content}
             values = {f.name: content[f.name] for f in fields(cls)}
             values["scenarios"] = {
                 name: Scenario(
@@ -210,7 +242,8 @@ class DatasetInfo:
             raise DatasetError(
                 f"{path}: damaged ({type(error).__name__}: {error})", "build the data set again"
             ) from error
-        values["sources"], values["failures"] = tuple(values["sources"]), tuple(values["failures"])
+        for name in ("sources", "failures", "groundtruth_history"):
+            values[name] = tuple(values[name])
         return cls(**values)
 
 
@@ -248,6 +281,11 @@ def groundtruth_version(poses: Sequence[PoseRecord]) -> str:
     return digest.hexdigest()[:12]
 
 
+def version_file(version: str) -> str:
+    """Where the poses of a version of the ground truth are, relative to the data set."""
+    return f"{GROUNDTRUTH}/{version}.parquet"
+
+
 def in_order(name: str) -> list[str | int]:
     """Sorting key of pair and pose ids: their numbers count as numbers, 1000 after 999."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
@@ -282,6 +320,7 @@ def poses_table(records: Sequence[PoseRecord]) -> Any:
         pa.field("covariance", pa.list_(pa.float64(), 36), nullable=False),
         *(pa.field(name, transform) for name in LINKS),
         pa.field("groundtruth_version", pa.string(), nullable=False),
+        *(pa.field(name, pa.list_(pa.float64(), 36)) for name in BUDGET.values()),
     ]
     return _table([record.to_row() for record in records], columns, "lcdata.poses")
 

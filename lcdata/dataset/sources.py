@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from lcdata.arm import Arm
 from lcdata.errors import DatasetError, RigError
 from lcdata.recording.source import scenario_name
 
@@ -79,18 +78,6 @@ def describe_source(path: Path) -> dict[str, Any]:
 
 def _files(folder: Path) -> Iterator[Path]:
     return (f for f in folder.iterdir() if f.is_file() and f.name != RIG and f.name[0] != ".")
-
-
-def describe_arm(model: str, arm: Arm) -> dict[str, Any]:
-    """What determines an arm's kinematics, plain values."""
-    return {
-        "model": model,
-        "sha256": arm.sha256,
-        "base_frame": arm.base_frame,
-        "effector_frame": arm.effector_frame,
-        "joint_names": list(arm.joint_names),
-        "joint_offsets": {name: arm.joint_offsets[name] for name in sorted(arm.joint_offsets)},
-    }
 
 
 def check_names(recordings: Sequence[Path], reserved: Sequence[str]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.errors import ArmError
+from lcdata.errors import ArmError, DatasetError, MissingLibraryError
 from lcdata.geometry import se3
 from lcdata.review import names
 
@@ -26,22 +26,14 @@ MAST_WIDTH_M, PLATE_M = 0.04, 0.02
 
 
 def load_arm(dataset: Dataset) -> Arm | None:
-    """The arm of a data set, its joint offsets as they were when the data set was built.
+    """The arm of a data set, its joint offsets those of the ground truth.
 
     Returns:
-        None without an arm, or if its URDF is not on this machine: it lay beside the recordings.
+        None without an arm, or if its model is not on this machine.
     """
-    from lcdata.arm import Arm, find_urdf
-
-    described = dataset.info.arm
-    if dataset.rig.ground_truth != "arm" or described is None:
-        return None
-    section = dataset.rig.arm
     try:
-        urdf = find_urdf(section.model)
-        offsets = described.get("joint_offsets", {})
-        return Arm(urdf, section.base_frame, section.effector_frame, offsets)
-    except ArmError:
+        return dataset.load_arm()
+    except (ArmError, DatasetError, MissingLibraryError):
         return None
 
 

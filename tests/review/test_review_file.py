@@ -239,7 +239,8 @@ def test_without_results_only_the_ground_truth_is_shown(tmp_path):
 def test_an_arm_whose_model_is_elsewhere_is_left_out_and_named(tmp_path):
     dataset = make(tmp_path / "set", pairs=1)
     rig = dataset.info.rig | {"arm": dataset.info.rig["arm"] | {"model": "own/robot.urdf"}}
-    moved = replace(dataset, info=replace(dataset.info, rig=rig))
+    arm = dataset.info.arm | {"model": "own/robot.urdf"}
+    moved = replace(dataset, info=replace(dataset.info, rig=rig, arm=arm))
     rrd = Rrd(save_review(moved, tmp_path / "review.rrd"))
     assert not any(entity.startswith("/arm") for entity in rrd.entities)
     text = rrd.static("/summary", "TextDocument:text")[0]
