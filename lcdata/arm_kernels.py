@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _walk(  # noqa: PLR0917
+def _walk(
     links: Array, slides: NDArray[np.bool_], q: Array, R: Array, p: Array, axes: Array
 ) -> None:
     """Effector pose of one sample in R (3, 3), p (3,); each joint's axis and origin in `axes`."""

@@ -86,7 +86,7 @@ def test_mono16_of_any_depth_fills_8_bits(bits: int, big_endian: bool) -> None:
     st.booleans(),
     st.data(),
 )
-def test_rows_may_be_padded(  # noqa: PLR0917
+def test_rows_may_be_padded(
     encoding: str, height: int, width: int, gap: int, big_endian: bool, data: st.DataObject
 ) -> None:
     kind, channels, _ = images.LAYOUTS[encoding]
