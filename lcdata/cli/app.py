@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lcdata.cli import arm, build, calibrate, info, report, review, simulate, validate
+from lcdata.cli import arm, build, calibrate, handeye, info, report, review, simulate, validate
 
 app = typer.Typer(
     name="lcdata",
@@ -41,7 +41,7 @@ def options(
     """Options that stand before a command."""
 
 
-for module in (build, info, simulate, calibrate, report, review, validate):
+for module in (build, info, simulate, calibrate, handeye, report, review, validate):
     name = module.__name__.rpartition(".")[2]
     app.command(name, epilog=f"Example:  {module.EXAMPLE}")(getattr(module, name))
 app.add_typer(arm.app)

@@ -77,8 +77,22 @@ def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -
         T_initial: 4x4.
         iterations: At most so many steps.
     """
+    return _minimise(projection_system(problem, T_initial), T_initial, iterations)
+
+
+def projection_system(problem: Problem, T_near: Array) -> Callable[[Array], tuple[Array, Array]]:
+    """Residuals of eq. (4), in standard deviations, as a function of the pose.
+
+    Args:
+        problem: Matched lines.
+        T_near: 4x4 pose that the standard deviations are taken at.
+
+    Returns:
+        A function of a 4x4 pose that gives (N, 2) residuals and their (N, 2, 6) derivative by a
+        left perturbation.
+    """
     n, v = pluecker.from_points(problem.segments)
-    place, depth = _footpoints(problem, problem.image, T_initial)
+    place, depth = _footpoints(problem, problem.image, T_near)
     # A cloud line is the less certain the farther it is prolonged beyond its own end points.
     prolonged = np.sqrt((1.0 - place) ** 2 + place**2)
     inverse_sigma = 1.0 / np.hypot(
@@ -89,7 +103,7 @@ def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -
         r, J = pluecker.projection_residuals(T, n, v, np.eye(3), problem.image)
         return r * inverse_sigma, J * inverse_sigma[:, :, None]
 
-    return _minimise(evaluate, T_initial, iterations)
+    return evaluate
 
 
 def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:

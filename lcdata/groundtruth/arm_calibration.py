@@ -116,6 +116,9 @@ class ArmCalibration:
             "model_sha256": self.arm.sha256,
             "offsets_deg": {k: round(v, 4) for k, v in self.offsets_deg.items()},
             "offsets_std_deg": {k: round(v, 4) for k, v in self.offsets_std_deg.items()},
+            "offsets_covariance_deg2": [
+                [float(f"{x:.6g}") for x in row] for row in np.rad2deg(np.rad2deg(self.covariance))
+            ],
             "undetermined": list(self.undetermined),
             "readings": self.readings,
             "heldout_rms_mm": self.to_dict()["heldout_rms_mm"],
@@ -123,7 +126,7 @@ class ArmCalibration:
         return (
             "# Joint offsets from ball-in-socket readings (`lcdata arm calibrate`), added to the\n"
             "# encoders' readings before forward kinematics.\n"
-            + yaml.safe_dump(content, sort_keys=False)
+            + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
         )
 
 

@@ -50,8 +50,9 @@ class HandEye:
     Args:
         T_camera_effector: 4x4 X.
         T_base_lidar: 4x4 Z.
-        covariance: (12, 12) of X then Z, each translation (m) then rotation (rad), left
-            perturbations. Undetermined directions have metres and radians.
+        full_covariance: (12 + k, 12 + k) of X then Z, each translation (m) then rotation (rad),
+            left perturbations, then of the joint offsets and the clock offset, as far as they were
+            asked for. Undetermined directions have metres and radians.
         observable: Whether the arm's rotations determine X and Z without the prior.
         singular_value_ratio: Of the least determined direction; see `observability`.
         unobservable: A sentence for each undetermined direction.
@@ -69,7 +70,7 @@ class HandEye:
 
     T_camera_effector: Array
     T_base_lidar: Array
-    covariance: Array
+    full_covariance: Array
     observable: bool
     singular_value_ratio: float
     unobservable: tuple[str, ...]
@@ -82,6 +83,11 @@ class HandEye:
     joint_offsets_std: Array
     clock_offset_s: float
     clock_offset_std_s: float
+
+    @property
+    def covariance(self) -> Array:
+        """(12, 12) of X then Z, see `full_covariance`."""
+        return self.full_covariance[:12, :12]
 
     def extrinsic(self, T_effector_base: ArrayLike) -> Array:
         """(..., 4, 4) T_camera_lidar of arm poses (..., 4, 4)."""
@@ -182,7 +188,7 @@ def _result(
     return HandEye(
         T_camera_effector=state.X,
         T_base_lidar=state.Z,
-        covariance=found.covariance[:12, :12],
+        full_covariance=found.covariance,
         observable=seen.observable,
         singular_value_ratio=float(seen.ratios[0]),
         unobservable=tuple(names),
