@@ -6,7 +6,18 @@ from typing import Annotated
 
 import typer
 
-from lcdata.cli import arm, build, calibrate, handeye, info, report, review, simulate, validate
+from lcdata.cli import (
+    arm,
+    build,
+    calibrate,
+    groundtruth,
+    handeye,
+    info,
+    report,
+    review,
+    simulate,
+    validate,
+)
 
 app = typer.Typer(
     name="lcdata",
@@ -41,7 +52,7 @@ def options(
     """Options that stand before a command."""
 
 
-for module in (build, info, simulate, calibrate, handeye, report, review, validate):
+for module in (build, info, simulate, calibrate, groundtruth, handeye, report, review, validate):
     name = module.__name__.rpartition(".")[2]
     app.command(name, epilog=f"Example:  {module.EXAMPLE}")(getattr(module, name))
 app.add_typer(arm.app)

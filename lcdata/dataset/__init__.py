@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lcdata.dataset.build import BuildSummary, build
 from lcdata.dataset.reader import Dataset
+from lcdata.dataset.regenerate import Regeneration, poses_of, regenerate, versions
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord
 from lcdata.dataset.validate import validate
 
@@ -13,6 +14,10 @@ __all__ = [
     "DatasetInfo",
     "PairRecord",
     "PoseRecord",
+    "Regeneration",
     "build",
+    "poses_of",
+    "regenerate",
     "validate",
+    "versions",
 ]

@@ -32,14 +32,14 @@ def describe_arm(model: str, arm: Arm) -> dict[str, Any]:
         if covariance is None
         else [[None if np.isnan(v) else float(v) for v in row] for row in covariance],
         "serial": arm.serial,
-        "urdf": None if _in_package(arm) else schema.ARM_URDF,
+        "urdf": None if _in_package(arm) else _stored_urdf(arm),
     }
 
 
 def store_urdf(folder: Path, arm: Arm) -> None:
     """Keep the arm's URDF in the data set, if the package does not have it."""
-    if not _in_package(arm) and arm.urdf != (folder / schema.ARM_URDF).resolve():
-        write_bytes(folder / schema.ARM_URDF, arm.urdf.read_bytes())
+    if not _in_package(arm) and not (folder / _stored_urdf(arm)).is_file():
+        write_bytes(folder / _stored_urdf(arm), arm.urdf.read_bytes())
 
 
 def load_arm(folder: Path, info: DatasetInfo, rig: Rig) -> Arm:
@@ -72,6 +72,11 @@ def load_arm(folder: Path, info: DatasetInfo, rig: Rig) -> Arm:
             "give a rig whose arm.model is the URDF of then, or accept the new one by a rig",
         )
     return arm
+
+
+def _stored_urdf(arm: Arm) -> str:
+    """Its place in the data set: by content, for versions of the ground truth may have others."""
+    return f"{schema.GROUNDTRUTH}/{arm.sha256[:12]}/{arm.urdf.name}"
 
 
 def _in_package(arm: Arm) -> bool:

@@ -74,7 +74,12 @@ def write_bytes(path: Path, *chunks: bytes | memoryview, sync_folder: bool = Tru
 
 def write_json(path: Path, content: Any) -> None:
     """Write JSON atomically, indented, with a line feed at the end."""
-    write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode())
+    write_bytes(path, json_text(content).encode())
+
+
+def json_text(content: Any) -> str:
+    """JSON, indented, with a line feed at the end."""
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def write_parquet(path: Path, table: Any) -> None:

@@ -28,7 +28,6 @@ RESERVED = (
     schema.REPORT,
     schema.REVIEW,
     schema.GROUNDTRUTH,
-    schema.ARM_URDF,
     NAME,
 )
 

@@ -177,7 +177,7 @@ def clear(folder: Path) -> None:
     names = _scenarios(folder / REPLACED) | _scenarios(folder / NAME)
     for name in (*sorted(names), schema.RESULTS, schema.REPORT, schema.GROUNDTRUTH):
         shutil.rmtree(folder / name, ignore_errors=True)
-    for name in (schema.PAIRS, schema.POSES, schema.ARM_URDF, schema.REVIEW, REPLACED):
+    for name in (schema.PAIRS, schema.POSES, schema.REVIEW, REPLACED):
         (folder / name).unlink(missing_ok=True)
 
 

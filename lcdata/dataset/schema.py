@@ -3,8 +3,8 @@
     dataset.json      how the data set was made, one entry a scenario
     pairs.parquet     one row a LiDAR-camera pair
     poses.parquet     one row an arm pose with its ground truth
-    groundtruth/      poses.parquet of every version, once there is more than one
-    arm.urdf          the arm's model, where the package does not have it
+    groundtruth/      poses.parquet of every version, once there is more than one; the arm's
+                      URDF, where the package does not have it
 
 Transforms are stored as x y z (m) qx qy qz qw, covariances as 36 numbers, row by row,
 translation before rotation.
@@ -36,7 +36,7 @@ SCHEMA_VERSION = 1
 
 INFO, PAIRS, POSES = "dataset.json", "pairs.parquet", "poses.parquet"
 RESULTS, REPORT, REVIEW = "results", "report", "review.rrd"
-GROUNDTRUTH, ARM_URDF = "groundtruth", "arm.urdf"
+GROUNDTRUTH = "groundtruth"
 
 LINKS = ("T_camera_effector", "T_effector_base", "T_base_lidar")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lcdata.dataset import atomic, cloud_file, schema
-from lcdata.dataset.reader import Dataset, read_image, read_table
+from lcdata.dataset.reader import Dataset, read_image, read_poses, read_table
 from lcdata.dataset.schema import PairRecord, PoseRecord
 from lcdata.errors import DatasetError, LcdataError
 from lcdata.geometry import se3
@@ -35,7 +35,7 @@ def validate(path: Path, *, progress: Callable[[str, int, int], None] | None = N
         dataset = Dataset.open(path)
     except DatasetError as error:
         return [str(error)]
-    problems = [*_index(dataset), *_leftovers(dataset)]
+    problems = [*_index(dataset), *_leftovers(dataset), *_versions(dataset)]
     for pose in dataset.poses:
         problems += [f"{pose.pose_id}: {problem}" for problem in _pose(dataset, pose)]
     for number, record in enumerate(dataset.pairs, start=1):
@@ -70,6 +70,26 @@ def _index(dataset: Dataset) -> Iterator[str]:
         yield str(error)
 
 
+def _versions(dataset: Dataset) -> Iterator[str]:
+    """The poses of every version of the ground truth are there, those of the present one twice."""
+    present = dataset.info.groundtruth_version
+    found = {pose.groundtruth_version for pose in read_poses(dataset.path / schema.POSES)}
+    if (dataset.path / schema.version_file(present)).is_file() and found != {present}:
+        yield (
+            f"{schema.POSES} is of version {', '.join(sorted(found))}, the data set has {present}: "
+            "run `lcdata groundtruth` again"
+        )
+    for entry in dataset.info.groundtruth_history:
+        name = schema.version_file(str(entry.get("version")))
+        try:
+            poses = read_poses(dataset.path / name)
+        except DatasetError as error:
+            yield str(error)
+            continue
+        if {pose.groundtruth_version for pose in poses} != {entry["version"]}:
+            yield f"{name}: its poses are of another version"
+
+
 def _repeated(names: list[str]) -> list[tuple[str, int]]:
     return [(name, count) for name, count in Counter(names).items() if count > 1]
 
@@ -102,6 +122,10 @@ def _pose(dataset: Dataset, pose: PoseRecord) -> Iterator[str]:
     except LcdataError as error:
         yield str(error)
     yield from _covariance(pose)
+    if pose.budget:
+        gap = float(np.abs(sum(pose.budget.values()) - pose.covariance).max())
+        if gap > PSD_TOLERANCE * float(np.abs(pose.covariance).max()):
+            yield f"the parts of its covariance add up to another one (by {gap:.3g})"
     if pose.start_ns > pose.end_ns:
         yield f"dwell ends ({pose.end_ns}) before it starts ({pose.start_ns})"
     if pose.groundtruth_version != dataset.info.groundtruth_version:

@@ -39,8 +39,15 @@ def data_set(dataset: Dataset) -> str:
         f"{kind}: {count(len(dataset.pairs), 'LiDAR-camera pair')} at "
         f"{count(len({p.pose_id for p in dataset.pairs}), 'pose')} in "
         f"{count(len(scenarios), 'scenario')} ({listing(scenarios)}), images of "
-        f"{listing(sizes)} pixels. Ground truth: {truth}."
+        f"{listing(sizes)} pixels. Ground truth: {truth}, {version(dataset)}."
     )
+
+
+def version(dataset: Dataset) -> str:
+    """Which version of the ground truth is shown, and how many there were before."""
+    before = len(dataset.info.groundtruth_history)
+    earlier = f" ({count(before, 'version')} before it)" if before else ""
+    return f"version {dataset.info.groundtruth_version}{earlier}"
 
 
 def uncertainty(summaries: Sequence[Summary]) -> str:

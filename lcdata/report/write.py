@@ -110,6 +110,9 @@ def _current(dataset: Dataset, recompute: bool) -> tuple[Results, str]:
     if not current.trials:
         raise ReportError(
             f"all results in {dataset.path} are against an older ground truth",
-            "run `lcdata calibrate` again, or ask for their errors to be recomputed",
+            "`lcdata report --update-results` measures them again, `lcdata calibrate` runs again",
         )
-    return current, f"{stale_text} against an older ground truth are stale and left out."
+    return current, (
+        f"{stale_text} against an older ground truth are stale and left out; "
+        "`lcdata report --update-results` measures them again."
+    )
