@@ -50,7 +50,7 @@ pairs, 0.06-0.19 at wrong ones."""
 MIN_CONTRAST = 2.8
 """See `contrast`: 3-15 at right poses, mostly below 2 at wrong ones, up to 4 on road scans."""
 
-LEFT_BOX = 1.6
+REACH = 1.6
 """Largest correction of the initial guess on one axis, in half-widths of the search."""
 
 CORRELATION = 4.0
@@ -122,15 +122,19 @@ class LineCalibrator(Calibrator):
         )
         poses, objective = search(features, T_initial, options)
         refined = [refine(features, pose, self.solver) for pose in poses]
-        found = [(s, m) for s, m in refined if s is not None]
-        if not found:
+        solved = [(s, m) for s, m in refined if s is not None]
+        if not solved:
             return _failure(T_initial, _why_no_match(features, objective), started)
+        found = [(s, m) for s, m in solved if self._in_box(s.T_camera_lidar, T_initial)]
+        if not found:
+            message = f"{len(solved)} estimates all left the box of the search"
+            return _failure(T_initial, message, started)
         costs = objective(np.stack([T_initial, *(s.T_camera_lidar for s, _ in found)]), FINEST)
         winner = int(np.argmin(costs[1:]))
         solution, matches = found[winner]
         covariance = CORRELATION * solution.covariance
         undetermined = self._undetermined(solution, make_problem(features, matches), covariance)
-        doubts = self._doubts(solution, matches, objective, T_initial)
+        doubts = _doubts(solution, matches, objective)
         if costs[1 + winner] >= costs[0]:
             doubts.append("no better than the initial guess")
         return Calibration(
@@ -144,6 +148,12 @@ class LineCalibrator(Calibrator):
             message="; ".join(undetermined + doubts),
             matches=_line_matches(features, matches),
         )
+
+    def _in_box(self, T: Array, T_initial: Array) -> bool:
+        """Whether a pose is within reach of the search."""
+        turned = se3.log(T @ se3.inverse(T_initial))[3:] / np.deg2rad(self.search_rotation_deg)
+        moved = (T - T_initial)[:3, 3] / self.search_translation_m
+        return float(max(np.abs(turned).max(), np.abs(moved).max())) <= REACH
 
     def _undetermined(self, solution: Solution, problem: Problem, covariance: Array) -> list[str]:
         """What the lines leave open, however well they fit."""
@@ -159,26 +169,21 @@ class LineCalibrator(Calibrator):
             found.append(f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m")
         return found
 
-    def _doubts(
-        self, solution: Solution, matches: Matches, objective: Objective, T_initial: Array
-    ) -> list[str]:
-        """Signs that the pose is a wrong one that happens to fit."""
-        found = []
-        T = solution.T_camera_lidar
-        support = float(solution.weights.sum())
-        if support < MIN_SUPPORT:
-            found.append(f"only {len(matches.pair)} lines match (robust weight {support:.1f})")
-        seen = sum(int((visible_share(f, T[None]) > 0.5).sum()) for f in objective.pairs)
-        if len(matches.pair) < MIN_SHARE * seen:
-            found.append(f"only {len(matches.pair)} of {seen} cloud lines in view match")
-        stands_out = contrast(objective, T)
-        if stands_out < MIN_CONTRAST:
-            found.append(f"poses around fit nearly as well (contrast {stands_out:.1f})")
-        turned = se3.log(T @ se3.inverse(T_initial))[3:] / np.deg2rad(self.search_rotation_deg)
-        moved = (T - T_initial)[:3, 3] / self.search_translation_m
-        if max(np.abs(turned).max(), np.abs(moved).max()) > LEFT_BOX:
-            found.append("left the box of the search: widen it")
-        return found
+
+def _doubts(solution: Solution, matches: Matches, objective: Objective) -> list[str]:
+    """Signs that the pose is a wrong one that happens to fit."""
+    found = []
+    T = solution.T_camera_lidar
+    support = float(solution.weights.sum())
+    if support < MIN_SUPPORT:
+        found.append(f"only {len(matches.pair)} lines match (robust weight {support:.1f})")
+    seen = sum(int((visible_share(f, T[None]) > 0.5).sum()) for f in objective.pairs)
+    if len(matches.pair) < MIN_SHARE * seen:
+        found.append(f"only {len(matches.pair)} of {seen} cloud lines in view match")
+    stands_out = contrast(objective, T)
+    if stands_out < MIN_CONTRAST:
+        found.append(f"poses around fit nearly as well (contrast {stands_out:.1f})")
+    return found
 
 
 def _why_no_match(features: Sequence[LineFeatures], objective: Objective) -> str:

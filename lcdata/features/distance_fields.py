@@ -106,7 +106,7 @@ def _splat(lines, stride, truncation, angle_reach, table):  # type: ignore[no-un
                         table[b, row, column] = np.uint8(value)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath={"contract", "arcp", "reassoc"}, error_model="numpy")
 def chamfer(  # type: ignore[no-untyped-def]
     poses, segments, weights, samples, table, stride, intrinsics, costs
 ):
