@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 MIN_LINES = 6
 """A pose with fewer matched lines in all its pairs does not count."""
 
-ROUNDS = (*GATES, *GATES[-1:] * 6)
+ROUNDS = (*np.repeat(GATES[:3], 2, axis=0).tolist(), *GATES[3:], *GATES[-1:] * 6)
 """Gates of the matches, and some more rounds with the last to settle."""
 
 
@@ -117,9 +117,10 @@ def solve_features(
             raise GroundTruthError(
                 f"no pose has {MIN_LINES} matching lines", "run `lcdata calibrate` first"
             )
-        scale, inliers = _spread(lines, encoders)
-        H, gradient, *_ = _system(problem, state, lines, encoders, scale, inliers)
+        H, gradient, *_, C = _system(problem, state, lines, encoders, scale, inliers)
         step = -np.asarray(np.linalg.solve(H, gradient), float)
+        # What the links leave over says how good the lines are: not what they still have to move.
+        scale, inliers = _spread(lines, encoders, C @ step)
         state = state.moved(step)
         if distance == GATES[-1][1] and np.abs(step).max() < 1e-7:
             break
@@ -151,12 +152,13 @@ def _lines(
     return _Lines(H / variance, g / variance, count >= MIN_LINES)
 
 
-def _spread(lines: _Lines, encoders: Array) -> tuple[float, NDArray[np.bool_]]:
+def _spread(lines: _Lines, encoders: Array, moved: Array) -> tuple[float, NDArray[np.bool_]]:
     """Standard deviations by which poses disagree with the links, and those that fit."""
     lengths = np.full(len(lines.H), np.inf)
     for i in map(int, np.flatnonzero(lines.used)):
         own, covariance = _own(lines, i)
-        lengths[i] = np.sqrt(own @ np.linalg.solve(covariance + encoders[i], own))
+        left = own - moved[i]
+        lengths[i] = np.sqrt(left @ np.linalg.solve(covariance + encoders[i], left))
     good = lengths[lines.used]
     free = max(1.0 - 2.0 / len(good), 0.1)
     scale = max(1.0, float(np.median(good)) / MEDIAN_6 / np.sqrt(free))
@@ -189,7 +191,8 @@ def _system(
         ],
         axis=2,
     )
-    reduce = np.linalg.inv(np.eye(6) + lines.H @ encoders) / scale**2 * inliers[:, None, None]
+    counts = (inliers & lines.used)[:, None, None] / scale**2
+    reduce = np.linalg.inv(np.eye(6) + lines.H @ encoders) * counts
     blocks = np.einsum("nki,nkl,nlj->nij", C, reduce @ lines.H, C)
     gradients = np.einsum("nki,nkl,nl->ni", C, reduce, lines.g)
     prior, prior_J = problem.prior_rows(state)
