@@ -377,7 +377,7 @@ def _flat(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
         for key, item in value.items():
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
     else:
-        yield prefix, value
+        yield prefix, None if value == "" else value
 
 
 def _short(value: Any) -> str:

@@ -61,7 +61,14 @@ class Section:
         return list(dict.fromkeys(t.method for t in self.trials))
 
 
-def page(name: str, kind: str, description: str, sections: Sequence[Section], notice: str) -> str:
+def page(
+    name: str,
+    kind: str,
+    description: str,
+    sections: Sequence[Section],
+    notice: str,
+    budget: str = "",
+) -> str:
     """The page.
 
     Args:
@@ -70,6 +77,7 @@ def page(name: str, kind: str, description: str, sections: Sequence[Section], no
         description: What the data set is.
         sections: One a run, the most telling first.
         notice: What a reader must know first, stale results say; empty for nothing.
+        budget: Section on the ground truth's own uncertainty, HTML.
     """
     first = sections[0]
     notices = [notice, words.blunt_truth(_scenarios(first))]
@@ -92,10 +100,12 @@ def page(name: str, kind: str, description: str, sections: Sequence[Section], no
 {warning}
 </header>
 {body}
+{budget}
 <h2>How to read this</h2>
 <p>{escape(words.READING)}</p>
 <footer>Written by lcdata from the stored results. results.csv beside this page has every trial,
-table.md and table.tex the tables.</footer>
+table.md and table.tex the tables, groundtruth.csv (where it is known) what each pose's ground
+truth owes its uncertainty to.</footer>
 </main>
 </body>
 </html>
@@ -201,13 +211,20 @@ def _error(row: Summary, rows: Sequence[Summary], quantity: str, unit: str) -> s
 
 
 def _plot(section: Section) -> str:
+    alt = "Box plots of rotation and translation errors by scenario and method"
     return (
-        f'<picture><source media="(prefers-color-scheme: dark)" '
-        f'srcset="{_data(section.plot_dark, "png")}">'
-        f'<img src="{_data(section.plot_light, "png")}" '
-        f'alt="Box plots of rotation and translation errors by scenario and method"></picture>'
-        "<figcaption class=note>Each dot is a trial; boxes are quartiles, whiskers 1.5 times "
-        "their distance.</figcaption>"
+        picture(section.plot_light, section.plot_dark, alt)
+        + "<figcaption class=note>Each dot is a trial; boxes are quartiles, whiskers 1.5 times "
+        "their distance. The band is the ground truth's own uncertainty: methods whose medians "
+        "differ by less are not ranked, ≈.</figcaption>"
+    )
+
+
+def picture(light: bytes, dark: bytes, alt: str) -> str:
+    """A plot that follows the page's theme, PNG files in the page itself."""
+    return (
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{_data(dark, "png")}">'
+        f'<img src="{_data(light, "png")}" alt="{escape(alt)}"></picture>'
     )
 
 

@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 
 from lcdata.evaluation import metrics
 from lcdata.evaluation.results import TrialResult
+from lcdata.evaluation.text import not_ranked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
+
+NOT_RANKED = "≈"
+"""Stands over methods that the ground truth cannot tell apart, as in the tables."""
 
 LINEAR_SPAN = 30.0
 """Axes are logarithmic where errors span more than a decade and a half."""
@@ -59,6 +63,7 @@ class Quantity:
     """One panel of the figure."""
 
     error: str
+    median: str
     start: str
     sigma: str
     label: str
@@ -69,6 +74,7 @@ class Quantity:
 PANELS = (
     Quantity(
         "rotation_error_deg",
+        "rotation_deg",
         "initial_rotation_error_deg",
         "groundtruth_rotation_sigma_deg",
         "Rotation error",
@@ -77,6 +83,7 @@ PANELS = (
     ),
     Quantity(
         "translation_error_m",
+        "translation_m",
         "initial_translation_error_m",
         "groundtruth_translation_sigma_m",
         "Translation error",
@@ -113,7 +120,7 @@ def box_plots(trials: Sequence[TrialResult], theme: Theme) -> bytes:
             axes.set_ylim(0, ends[1] * 1.1)
         _panel(axes, trials, quantity, theme)
     known = any(math.isfinite(t.groundtruth_rotation_sigma_deg) for t in trials)
-    _legend(figure, methods, theme, known)
+    _legend(figure, methods, theme, known, len(methods) > 1)
     out = io.BytesIO()
     figure.savefig(out, format="png")
     return out.getvalue()
@@ -126,6 +133,7 @@ def _names(trials: Sequence[TrialResult]) -> tuple[list[str], list[str]]:
 
 def _panel(axes: Axes, trials: Sequence[TrialResult], quantity: Quantity, theme: Theme) -> None:
     scenarios, methods = _names(trials)
+    summaries = metrics.summarise(trials)
     errors = np.array([getattr(t, quantity.error) for t in trials], float)
     starts = np.array([getattr(t, quantity.start) for t in trials], float)
     sigmas = np.array([getattr(t, quantity.sigma) for t in trials], float)
@@ -133,6 +141,7 @@ def _panel(axes: Axes, trials: Sequence[TrialResult], quantity: Quantity, theme:
     for i, scenario in enumerate(scenarios):
         here = np.array([t.scenario == scenario for t in trials])
         sigma = float(np.sqrt(np.mean(sigmas[here] ** 2)))
+        rows = {s.method: s for s in summaries if s.scenario == scenario}
         if math.isfinite(sigma):
             axes.fill_between([i - 0.46, i + 0.46], low, sigma, color=theme.band, lw=0, zorder=0)
         for j, method in enumerate(methods):
@@ -142,9 +151,13 @@ def _panel(axes: Axes, trials: Sequence[TrialResult], quantity: Quantity, theme:
             made = np.maximum(errors[mine & np.isfinite(errors)], low)  # zero has no logarithm
             if made.size:
                 _box(axes, made, position, min(0.28, 0.62 * width), colour=theme.method(j))
+            notes = []
+            if method in rows and not_ranked(rows[method], list(rows.values()), quantity.median):
+                notes.append(NOT_RANKED)
             if missing := int(np.isnan(errors[mine]).sum()):
-                text = f"{missing} failed"
-                axes.text(position, high, text, ha="center", va="bottom", size=7, color=theme.muted)
+                notes.append(f"{missing} failed")
+            if text := " ".join(notes):
+                axes.text(position, high, text, ha="center", va="bottom", size=8, color=theme.ink)
     axes.axhline(quantity.limit, color=theme.muted, lw=0.9, ls=(0, (5, 3)), zorder=1)
     start = float(np.nanmedian(starts))
     if low < start < high:
@@ -209,7 +222,9 @@ def _plain_axes(axes: Axes, theme: Theme) -> None:
     axes.tick_params(axis="y", which="minor", length=1.5, width=0.5)
 
 
-def _legend(figure: Any, methods: Sequence[str], theme: Theme, truth_known: bool) -> None:
+def _legend(
+    figure: Any, methods: Sequence[str], theme: Theme, truth_known: bool, not_ranked_too: bool
+) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -224,14 +239,71 @@ def _legend(figure: Any, methods: Sequence[str], theme: Theme, truth_known: bool
         Line2D([], [], color=theme.muted, lw=0.9, ls=(0, (5, 3)), label="success below"),
         Line2D([], [], color=theme.muted, lw=0.9, ls=(0, (1, 2)), label="initial guess"),
     ]
+    if not_ranked_too:
+        handles.append(
+            Line2D([], [], marker=f"${NOT_RANKED}$", ls="", color=theme.ink, label="not ranked")
+        )
     figure.subplots_adjust(left=0.06, right=0.985, top=0.86, bottom=0.19, wspace=0.16)
     figure.legend(
         handles=handles,
         loc="lower center",
-        ncols=min(6, len(handles)),
+        ncols=min(7, len(handles)),
         frameon=False,
         fontsize=9,
         labelcolor=theme.ink,
         handlelength=1.8,
         columnspacing=1.8,
     )
+
+
+def budget_bars(
+    shares: Array, sources: Sequence[str], scenarios: Sequence[str], theme: Theme
+) -> bytes:
+    """Shares of a ground truth's variances as stacked bars, one a pose.
+
+    Args:
+        shares: (N, S, 2) of translation and rotation, by pose and source.
+        sources: S names.
+        scenarios: N names, those of one scenario next to each other.
+        theme: Colours.
+
+    Returns:
+        A PNG file.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    names = list(dict.fromkeys(scenarios))
+    # a gap between scenarios
+    x = np.arange(len(scenarios)) + np.array([names.index(s) for s in scenarios])
+    figure = Figure(figsize=(12.0, 3.6), dpi=150)
+    figure.patch.set_facecolor(theme.background)
+    width = 0.86 if len(scenarios) <= 120 else 1.0  # gaps between many bars look like a pattern
+    for axes, label, k in zip(
+        figure.subplots(1, 2), ("Rotation", "Translation"), (1, 0), strict=True
+    ):
+        bottom = np.zeros(len(scenarios))
+        for j in range(len(sources)):
+            part = 100 * shares[:, j, k]
+            axes.bar(x, part, width, bottom=bottom, color=theme.method(j), lw=0)
+            bottom += part
+        middles = [x[[s == name for s in scenarios]].mean() for name in names]
+        axes.set_xticks(middles, [name.replace("_", " ") for name in names])
+        axes.set_ylim(0, 100)
+        axes.set_xlim(-0.7, x[-1] + 0.7)
+        title = f"{label}: share of the ground truth's variance (%)"
+        axes.set_title(title, loc="left", size=10.5, color=theme.ink, pad=10)
+        _plain_axes(axes, theme)
+    figure.subplots_adjust(left=0.06, right=0.985, top=0.88, bottom=0.22, wspace=0.16)
+    figure.legend(
+        handles=[Patch(facecolor=theme.method(j), label=s) for j, s in enumerate(sources)],
+        loc="lower center",
+        ncols=6,
+        frameon=False,
+        fontsize=9,
+        labelcolor=theme.ink,
+        handlelength=1.2,
+    )
+    out = io.BytesIO()
+    figure.savefig(out, format="png")
+    return out.getvalue()

@@ -11,10 +11,12 @@ from lcdata.dataset.atomic import write_bytes
 from lcdata.dataset.schema import REPORT
 from lcdata.errors import ReportError
 from lcdata.evaluation.results import Results, read_results
-from lcdata.report import tables, words
+from lcdata.report import budget, tables, words
 from lcdata.report.gallery import exhibits
-from lcdata.report.page import Section, page
+from lcdata.report.page import Section, page, picture
 from lcdata.report.plots import DARK, LIGHT, box_plots
+
+BUDGET, POSES = "groundtruth-budget.png", "groundtruth.csv"
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished parts and of all parts."""
@@ -69,16 +71,25 @@ def write_report(
     titles = {run: words.run_title(trials) for run, trials in runs.items()}
     kind = "Simulated data" if dataset.info.simulated else "Recorded data"
     name = Path(dataset.path).resolve().name
-    html = page(name, kind, words.data_set(dataset), sections, notice)
+    bars = ""
+    if budget.known(dataset):
+        plots[BUDGET] = budget.plot(dataset, LIGHT)
+        alt = "Stacked bars: which source has which share of the variance, pose by pose"
+        bars = picture(plots[BUDGET], budget.plot(dataset, DARK), alt)
+    parts = budget.section(dataset, bars)
+    html = page(name, kind, words.data_set(dataset), sections, notice, parts)
     files = {
         "results.csv": tables.trials_csv(results),
-        "table.md": f"# {name} ({kind.lower()})\n\n{tables.markdown(results.summaries, titles)}",
+        "table.md": f"# {name} ({kind.lower()})\n\n{tables.markdown(results.summaries, titles)}\n"
+        + budget.markdown(dataset),
         "table.tex": tables.latex(results.summaries),
         "index.html": html,
     }
-    for old in folder.glob("errors-*.png"):
-        if old.name not in plots:
-            old.unlink()
+    if BUDGET in plots:
+        files[POSES] = budget.poses_csv(dataset)
+    for old in (*folder.glob("errors-*.png"), folder / BUDGET, folder / POSES):
+        if old.name not in plots and old.name not in files:
+            old.unlink(missing_ok=True)
     for file, png in plots.items():
         write_bytes(folder / file, png)
     for file, text in files.items():
