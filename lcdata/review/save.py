@@ -12,7 +12,7 @@ import numpy as np
 from lcdata.dataset.atomic import write_atomically
 from lcdata.errors import ReportError
 from lcdata.geometry import se3
-from lcdata.review import names, scene
+from lcdata.review import names, scene, uncertainty
 from lcdata.review.blueprint import blueprint
 from lcdata.review.errors import send_errors, send_outcomes
 from lcdata.review.pairs import PairLogger
@@ -129,10 +129,12 @@ def _log_whole(recording: rr.RecordingStream, dataset: Dataset, trials: Trials) 
         scene.log_arm(recording, arm)
         scene.send_joints(recording, arm, poses, everywhere)
     scene.send_sensors(recording, poses, everywhere, root)
+    scale = uncertainty.scale_of(dataset.poses)
+    uncertainty.send_ellipsoids(recording, poses, everywhere, scale)
     tops = send_errors(recording, trials, [r.pair_id for r in records], poses, time)
     if trials.methods:
         send_outcomes(recording, trials, records, time(range(len(records) + 1)))
-    text = summary(dataset, trials, arm_is_missing=is_arm and arm is None)
+    text = summary(dataset, trials, arm_is_missing=is_arm and arm is None, scale=scale)
     document = rr.TextDocument(text, media_type="text/markdown")
     recording.log(names.SUMMARY, document, static=True)
     texts = [

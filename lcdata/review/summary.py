@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lcdata.evaluation import metrics
+from lcdata.review import uncertainty
 from lcdata.review.text import count_text, error_text, number_text, uncertainty_text
 from lcdata.review.trials import (
     NO_ESTIMATE,
@@ -29,13 +30,14 @@ WORST = 5
 """How many of a method's worst pairs are named."""
 
 
-def summary(dataset: Dataset, trials: Trials, arm_is_missing: bool = False) -> str:
+def summary(dataset: Dataset, trials: Trials, arm_is_missing: bool = False, scale: int = 0) -> str:
     """Markdown summary of a data set and of the trials that are shown.
 
     Args:
         dataset: The data set.
         trials: What is shown.
         arm_is_missing: Whether the data set has an arm that could not be shown.
+        scale: How much larger than life the ground truth's uncertainty is drawn; 0 if not at all.
     """
     parts = [f"# {dataset.path.resolve().name}", _about(dataset)]
     if trials.methods:
@@ -49,7 +51,7 @@ def summary(dataset: Dataset, trials: Trials, arm_is_missing: bool = False) -> s
     if dataset.info.failures:
         lines = "\n".join(f"- {failure}" for failure in dataset.info.failures)
         parts.append(f"## Left out by the build\n\n{lines}")
-    parts.append(_legend(bool(trials.methods)))
+    parts.append(_legend(bool(trials.methods), scale))
     return "\n\n".join(parts) + "\n"
 
 
@@ -69,6 +71,8 @@ def pair_text(number: int, count: int, record: PairRecord, pose: PoseRecord, tri
         f"Pair {number} of 0 to {count - 1}. Image {record.dt_ns / 1e6:+.1f} ms after the scan. "
         f"{record.points:,} points. Ground truth: {uncertainty_text(truth)}.",
     ]
+    if origin := uncertainty.budget_text(pose):
+        lines.append(origin)
     shown = trials.of_pair(record.pair_id)
     if not shown:
         return "\n\n".join(lines) + "\n"
@@ -109,12 +113,15 @@ def _about(dataset: Dataset) -> str:
         [metrics.groundtruth_sigma(p.T_camera_lidar, p.covariance) for p in dataset.poses]
     )
     typical = metrics.Sigma(*np.median(sigmas, axis=0)) if len(sigmas) else metrics.Sigma(0, 0)
+    before = len(info.groundtruth_history)
+    earlier = f" ({count_text(before, 'version')} before it)" if before else ""
     source = "arm's chain" if dataset.rig.ground_truth == "arm" else "static extrinsic"
     return (
         f"{origin} {count_text(len(dataset.pairs), 'pair')} in "
         f"{count_text(len(dataset.poses), 'pose')} of "
         f"{count_text(len(dataset.scenarios), 'scenario')} ({', '.join(dataset.scenarios)}).\n\n"
-        f"Ground truth: {source}, version {info.groundtruth_version}, {uncertainty_text(typical)} "
+        f"Ground truth: {source}, version {info.groundtruth_version}{earlier}, "
+        f"{uncertainty_text(typical)} "
         f"(root mean square of a pose, median over the poses)."
     )
 
@@ -210,13 +217,15 @@ def _badness(trial: TrialResult) -> float:
     )
 
 
-def _legend(with_methods: bool) -> str:
+def _legend(with_methods: bool, scale: int) -> str:
     text = (
         "## How to read it\n\n"
         "Step through the timeline `pair`. The cloud on the images is coloured by depth, near is "
         "red, far is blue: where the extrinsic is right, colours change at the edges of things. "
         "The green camera in 3D is the ground truth's."
     )
+    if scale:
+        text += f" {uncertainty.legend(scale)}"
     if with_methods:
         text += (
             " The frustum of a method has the method's colour, as have its series and the cloud "
