@@ -192,7 +192,7 @@ def read_poses(path: Path) -> list[PoseRecord]:
         DatasetError: Not there, or damaged.
     """
     try:
-        poses = [PoseRecord.from_row(row) for row in _rows(path, PoseRecord)]
+        poses = schema.pose_records(_rows(path, PoseRecord))
     except (GeometryError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: damaged ({error})") from error
     return sorted(poses, key=lambda record: schema.in_order(record.pose_id))

@@ -19,12 +19,12 @@ from lcdata.arm import Arm
 from lcdata.arm_urdf import find_urdf
 from lcdata.dataset import atomic, schema
 from lcdata.dataset.arms import describe_arm, store_urdf
-from lcdata.dataset.reader import Dataset, read_poses
+from lcdata.dataset.reader import Dataset, read_poses, read_table
 from lcdata.dataset.schema import DatasetInfo, PoseRecord
-from lcdata.errors import ArmError, DatasetError, LcdataError, RigError
+from lcdata.errors import ArmError, DatasetError, RigError
 from lcdata.geometry import se3
 from lcdata.groundtruth.budget import Variances, variances
-from lcdata.groundtruth.chain import PoseTruth, arm_truth, static_truth
+from lcdata.groundtruth.chain import PoseTruth, arm_truths, static_truth
 from lcdata.rig import Rig, load_rig
 
 OF_THE_PAIRS = ("topics", "pairing", "dwells", "stamps", "point_time")
@@ -165,7 +165,7 @@ def regenerate(
         arm = _arm(dataset, given, arm_offsets)
     elif arm_offsets is not None:
         raise RigError(f"{dataset.path} has no arm", "--arm-offsets goes with ground_truth: arm")
-    truths = [_truth(dataset, used, arm, pose) for pose in dataset.poses]
+    truths = _truths(dataset, used, arm)
     poses = [_with(pose, truth) for pose, truth in zip(dataset.poses, truths, strict=True)]
     same = all(map(_same, dataset.poses, poses))
     version = dataset.info.groundtruth_version if same else schema.groundtruth_version(poses)
@@ -309,7 +309,8 @@ def _arm(dataset: Dataset, given: Rig | None, arm_offsets: Path | None) -> Arm:
     return arm
 
 
-def _truth(dataset: Dataset, rig: Rig, arm: Arm | None, pose: PoseRecord) -> PoseTruth:
+def _truths(dataset: Dataset, rig: Rig, arm: Arm | None) -> list[PoseTruth]:
+    poses = dataset.poses
     if arm is None:
         if rig.T_camera_lidar is None:
             raise DatasetError(
@@ -317,18 +318,20 @@ def _truth(dataset: Dataset, rig: Rig, arm: Arm | None, pose: PoseRecord) -> Pos
                 "nothing to recompute them from",
                 "give --rig with T_camera_lidar, or build the data set again",
             )
-        return static_truth(rig)
-    try:
-        return arm_truth(
-            rig,
-            arm,
-            pose.joint_positions,
-            pose.joint_positions_std,
-            pose.samples,
-            (pose.end_ns - pose.start_ns) * 1e-9,
-        )
-    except LcdataError as error:
-        raise type(error)(f"{pose.pose_id}: {error.message}", error.remedy) from error
+        return [static_truth(rig)] * len(poses)
+    for pose in poses:
+        try:
+            arm.check_limits(pose.joint_positions)
+        except ArmError as error:
+            raise ArmError(f"{pose.pose_id}: {error.message}", error.remedy) from error
+    return arm_truths(
+        rig,
+        arm,
+        [pose.joint_positions for pose in poses],
+        [pose.joint_positions_std for pose in poses],
+        [pose.samples for pose in poses],
+        [(pose.end_ns - pose.start_ns) * 1e-9 for pose in poses],
+    )
 
 
 def _with(pose: PoseRecord, truth: PoseTruth) -> PoseRecord:
@@ -394,22 +397,24 @@ def _short(value: Any) -> str:
 def _write(result: Regeneration) -> None:
     """The new version beside the former one; dataset.json, the last file, makes it count."""
     folder, old = result.dataset.path, result.dataset
-    on_disk = {pose.groundtruth_version for pose in read_poses(folder / schema.POSES)}
+    column = read_table(folder / schema.POSES).column("groundtruth_version")
+    on_disk = set(column.to_pylist())
     has_budget = all(
         a.budget.keys() == b.budget.keys() for a, b in zip(old.poses, result.poses, strict=True)
     )
     if not result.inputs and has_budget and on_disk == {result.after}:
         return
+    table = schema.poses_table(result.poses)
     if result.before != result.after:
-        atomic.write_parquet(
-            folder / schema.version_file(result.before), schema.poses_table(old.poses)
-        )
-        atomic.write_parquet(
-            folder / schema.version_file(result.after), schema.poses_table(result.poses)
-        )
+        former = folder / schema.version_file(result.before)
+        if on_disk == {result.before}:
+            atomic.write_bytes(former, (folder / schema.POSES).read_bytes())
+        elif not former.is_file():
+            atomic.write_parquet(former, schema.poses_table(old.poses))
+        atomic.write_parquet(folder / schema.version_file(result.after), table)
     if result.arm is not None:
         store_urdf(folder, result.arm)
     with atomic.write_atomically(folder / schema.INFO) as info:
         info.write_text(atomic.json_text(result.info.to_dict()), encoding="utf-8")
         # Both files are complete before the first of them takes its name.
-        atomic.write_parquet(folder / schema.POSES, schema.poses_table(result.poses))
+        atomic.write_parquet(folder / schema.POSES, table)

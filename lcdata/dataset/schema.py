@@ -114,36 +114,6 @@ class PoseRecord:
     groundtruth_version: str = ""
     budget: dict[str, Array] = field(default_factory=dict)
 
-    def to_row(self) -> dict[str, Any]:
-        """Plain values, as poses.parquet has them."""
-        row: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        for name in ("T_camera_lidar", *LINKS):
-            row[name] = None if row[name] is None else se3.to_xyz_xyzw(row[name]).tolist()
-        for name in ("joint_positions", "joint_positions_std"):
-            row[name] = np.asarray(row[name], float).tolist()
-        row["covariance"] = np.asarray(self.covariance, float).reshape(36).tolist()
-        del row["budget"]
-        for source, column in BUDGET.items():
-            part = self.budget.get(source)
-            row[column] = None if part is None else np.asarray(part, float).reshape(36).tolist()
-        return row
-
-    @classmethod
-    def from_row(cls, row: Mapping[str, Any]) -> Self:
-        """The record of a row of poses.parquet; columns of others are ignored."""
-        values = {f.name: row[f.name] for f in fields(cls) if f.name != "budget"}
-        for name in ("T_camera_lidar", *LINKS):
-            values[name] = None if values[name] is None else se3.from_xyz_xyzw(values[name])
-        for name in ("joint_positions", "joint_positions_std"):
-            values[name] = np.array(values[name], float)
-        values["covariance"] = np.array(values["covariance"], float).reshape(6, 6)
-        values["budget"] = {
-            source: np.array(row[column], float).reshape(6, 6)
-            for source, column in BUDGET.items()
-            if row.get(column) is not None
-        }
-        return cls(**values)
-
 
 @dataclass(frozen=True)
 class Scenario:
@@ -274,9 +244,11 @@ def groundtruth_version(poses: Sequence[PoseRecord]) -> str:
         12 hexadecimal digits.
     """
     digest = hashlib.sha256()
-    for pose in sorted(poses, key=lambda pose: in_order(pose.pose_id)):
+    poses = sorted(poses, key=lambda pose: in_order(pose.pose_id))
+    transforms = se3.to_xyz_xyzw([pose.T_camera_lidar for pose in poses])
+    for pose, transform in zip(poses, transforms, strict=True):
         digest.update(pose.pose_id.encode())
-        for values in (se3.to_xyz_xyzw(pose.T_camera_lidar), pose.covariance):
+        for values in (transform, pose.covariance):
             digest.update(np.ascontiguousarray(values, "<f8").tobytes())
     return digest.hexdigest()[:12]
 
@@ -322,7 +294,45 @@ def poses_table(records: Sequence[PoseRecord]) -> Any:
         pa.field("groundtruth_version", pa.string(), nullable=False),
         *(pa.field(name, pa.list_(pa.float64(), 36)) for name in BUDGET.values()),
     ]
-    return _table([record.to_row() for record in records], columns, "lcdata.poses")
+    return _table(pose_rows(records), columns, "lcdata.poses")
+
+
+def pose_rows(records: Sequence[PoseRecord]) -> list[dict[str, Any]]:
+    """Plain values, as poses.parquet has them. Transforms are converted all at once: fast."""
+    rows = [{f.name: getattr(r, f.name) for f in fields(r)} for r in records]
+    for name in ("T_camera_lidar", *LINKS):
+        there = [row for row in rows if row[name] is not None]
+        values = se3.to_xyz_xyzw([row[name] for row in there])
+        for row, value in zip(there, values, strict=True):
+            row[name] = value
+    for row in rows:
+        row["covariance"] = np.reshape(row["covariance"], 36)
+        budget = row.pop("budget")
+        for source, column in BUDGET.items():
+            row[column] = np.reshape(budget[source], 36) if source in budget else None
+    return rows
+
+
+def pose_records(rows: Sequence[Mapping[str, Any]]) -> list[PoseRecord]:
+    """The records of rows of poses.parquet; columns of others are ignored."""
+    result: list[dict[str, Any]] = [
+        {f.name: row[f.name] for f in fields(PoseRecord) if f.name != "budget"} for row in rows
+    ]
+    for name in ("T_camera_lidar", *LINKS):
+        there = [values for values in result if values[name] is not None]
+        stack = se3.from_xyz_xyzw(np.reshape([values[name] for values in there], (-1, 7)))
+        for values, T in zip(there, stack, strict=True):
+            values[name] = T
+    for values, row in zip(result, rows, strict=True):
+        for name in ("joint_positions", "joint_positions_std"):
+            values[name] = np.array(values[name], float)
+        values["covariance"] = np.reshape(np.array(values["covariance"], float), (6, 6))
+        values["budget"] = {
+            source: np.reshape(np.array(row[column], float), (6, 6))
+            for source, column in BUDGET.items()
+            if row.get(column) is not None
+        }
+    return [PoseRecord(**values) for values in result]
 
 
 def _table(rows: list[dict[str, Any]], columns: list[Any], kind: str) -> Any:

@@ -86,34 +86,40 @@ def apply(T: ArrayLike, points: ArrayLike) -> Array:
 
 
 def from_xyz_xyzw(values: ArrayLike) -> Array:
-    """4x4 transform of (7,) x y z (m) and unit quaternion x y z w.
+    """4x4 transform of (7,) x y z (m) and unit quaternion x y z w; (N, 4, 4) of (N, 7).
 
     Raises:
         GeometryError: The quaternion's norm is more than 1 % off 1, or a value is not finite.
     """
     from scipy.spatial.transform import Rotation
 
-    values = np.asarray(values, float).reshape(-1)
-    if values.shape != (7,) or not np.isfinite(values).all():
+    values = np.asarray(values, float)
+    rows = values if values.ndim == 2 else values.reshape(1, -1)
+    if rows.shape[1] != 7 or not np.isfinite(rows).all():
         raise GeometryError(f"a transform needs x y z qx qy qz qw, got {values.tolist()}")
-    norm = float(np.linalg.norm(values[3:]))
-    if abs(norm - 1.0) > 0.01:
-        raise GeometryError(
-            f"quaternion {values[3:].tolist()} has norm {norm:.4g}",
-            "give a unit quaternion x y z w",
-        )
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat(values[3:]).as_matrix()
-    T[:3, 3] = values[:3]
-    return T
+    norms = np.linalg.norm(rows[:, 3:], axis=1)
+    for row, norm in zip(rows, norms, strict=True):
+        if abs(norm - 1.0) > 0.01:
+            raise GeometryError(
+                f"quaternion {row[3:].tolist()} has norm {norm:.4g}",
+                "give a unit quaternion x y z w",
+            )
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    if len(rows):
+        T[:, :3, :3] = Rotation.from_quat(rows[:, 3:]).as_matrix()
+    T[:, :3, 3] = rows[:, :3]
+    return T if values.ndim == 2 else np.asarray(T[0])
 
 
 def to_xyz_xyzw(T: ArrayLike) -> Array:
-    """(7,) x y z (m) and unit quaternion x y z w (w >= 0) of a 4x4 transform."""
+    """(7,) x y z (m) and unit quaternion x y z w (w >= 0) of 4x4; (N, 7) of (N, 4, 4)."""
     from scipy.spatial.transform import Rotation
 
     T = np.asarray(T, float)
-    return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)])
+    if not len(T):
+        return np.empty((0, 7))
+    quaternion = Rotation.from_matrix(T[..., :3, :3]).as_quat(canonical=True)
+    return np.concatenate([T[..., :3, 3], quaternion], axis=-1)
 
 
 def check_transform(T: Any, name: str = "transform") -> Array:

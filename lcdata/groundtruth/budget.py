@@ -69,15 +69,16 @@ def shares(T: ArrayLike, budget: Mapping[str, Array]) -> dict[str, Variances]:
     }
 
 
-def drift(scatter: ArrayLike, duration_s: float) -> Array:
-    """(n,) joint velocities, rad/s, that a dwell may at most have had on average.
+def drift(scatter: ArrayLike, duration_s: ArrayLike) -> Array:
+    """(..., n) joint velocities, rad/s, that a dwell may at most have had on average.
 
     A joint that moves evenly through a dwell of duration t scatters by v t / sqrt(12) about its
     mean. Taking all scatter for such motion bounds the velocity.
 
     Args:
-        scatter: (n,) standard deviation within the dwell, radians.
-        duration_s: How long it lasted; no velocity without a duration.
+        scatter: (..., n) standard deviation within the dwell, radians.
+        duration_s: (...) how long it lasted; no velocity without a duration.
     """
-    scatter = np.asarray(scatter, float)
-    return np.sqrt(12.0) * scatter / duration_s if duration_s > 0 else np.zeros_like(scatter)
+    duration = np.asarray(duration_s, float)[..., None]
+    rate = np.divide(np.sqrt(12.0), duration, out=np.zeros_like(duration), where=duration > 0)
+    return np.asarray(np.asarray(scatter, float) * rate)

@@ -17,6 +17,7 @@ from lcdata.arm import Arm
 from lcdata.errors import RigError
 from lcdata.geometry import se3
 from lcdata.groundtruth.budget import drift
+from lcdata.groundtruth.twists import adjoint_many
 from lcdata.rig import Rig
 
 Array = NDArray[np.float64]
@@ -53,7 +54,35 @@ def arm_truth(
     samples: int = 1,
     duration_s: float = 0.0,
 ) -> PoseTruth:
-    """Ground truth of a dwell of the arm.
+    """Ground truth of a dwell of the arm; see `arm_truths`.
+
+    Args:
+        rig: Hand-measured links with standard deviations, encoder standard deviation.
+        arm: Arm model.
+        positions: (n,) mean joint positions over the dwell in radians, in the arm's order.
+        scatter: (n,) standard deviation within the dwell in radians.
+        samples: Number of joint states in the dwell.
+        duration_s: How long the dwell lasted.
+
+    Raises:
+        RigError: The rig has no arm's links.
+        ArmError: A joint outside its limits, or not as many positions as joints.
+    """
+    positions = np.asarray(positions, float)
+    arm.check_limits(positions)
+    spread = np.zeros_like(positions) if scatter is None else np.asarray(scatter, float)
+    return arm_truths(rig, arm, positions[None], spread[None], [samples], [duration_s])[0]
+
+
+def arm_truths(
+    rig: Rig,
+    arm: Arm,
+    positions: ArrayLike,
+    scatter: ArrayLike,
+    samples: ArrayLike,
+    duration_s: ArrayLike,
+) -> list[PoseTruth]:
+    """Ground truth of many dwells of the arm, whose joint limits are not checked here.
 
     The covariance of `T_true = exp(xi) @ T_camera_lidar` sums independent parts. With
     X = T_camera_effector, A = T_effector_base, J the effector's Jacobian in its own axes, and
@@ -71,35 +100,45 @@ def arm_truth(
         rig: Hand-measured links with standard deviations, encoder standard deviation.
         arm: Arm model; the covariance of its joint offsets, where known, replaces the rig's
             standard deviation.
-        positions: (n,) mean joint positions over the dwell in radians, in the arm's order.
-        scatter: (n,) standard deviation within the dwell in radians.
-        samples: Number of joint states in the dwell.
-        duration_s: How long the dwell lasted.
+        positions: (N, n) mean joint positions in radians, in the arm's order.
+        scatter: (N, n) standard deviations within the dwells in radians.
+        samples: (N,) joint states in each dwell.
+        duration_s: (N,) how long each lasted.
 
     Raises:
         RigError: The rig has no arm's links.
-        ArmError: A joint outside its limits, or not as many positions as joints.
+        ArmError: Not as many positions as joints.
     """
     if rig.T_camera_effector is None or rig.T_base_lidar is None:
         raise RigError("the rig has no T_camera_effector and T_base_lidar", "add both")
-    positions = np.asarray(positions, float)
-    spread = np.zeros_like(positions) if scatter is None else np.asarray(scatter, float)
-    arm.check_limits(positions)
     X, Z = rig.T_camera_effector.T, rig.T_base_lidar.T
-    A = se3.inverse(arm.forward(positions))
-    by_joints = se3.adjoint(X) @ arm.jacobian(positions)
-    by_lidar_link = se3.adjoint(X @ A)
-    encoders = np.deg2rad(rig.arm.encoder_std_deg) ** 2 + spread**2 / max(samples, 1)
+    spread = np.asarray(scatter, float)
+    T_base_effector, J = arm.chain().jacobians(arm.with_offsets(positions))
+    A = se3.inverse(T_base_effector)
+    by_joints = se3.adjoint(X) @ J
+    by_lidar_link = adjoint_many(X @ A)
+    encoders = np.deg2rad(rig.arm.encoder_std_deg) ** 2 + (
+        spread**2 / np.maximum(np.asarray(samples), 1)[:, None]
+    )
     clock = (drift(spread, duration_s) * rig.clock_offset_std_s) ** 2
-    budget = {
-        "encoders": (by_joints * encoders) @ by_joints.T,
-        "joint_offsets": by_joints @ offset_covariance(rig, arm) @ by_joints.T,
-        "clock_offset": (by_joints * clock) @ by_joints.T,
-        "T_camera_effector": rig.T_camera_effector.covariance,
-        "T_base_lidar": by_lidar_link @ rig.T_base_lidar.covariance @ by_lidar_link.T,
+    parts = {
+        "encoders": _through(by_joints, encoders[:, :, None] * np.eye(spread.shape[1])),
+        "joint_offsets": _through(by_joints, offset_covariance(rig, arm)),
+        "clock_offset": _through(by_joints, clock[:, :, None] * np.eye(spread.shape[1])),
+        "T_camera_effector": np.broadcast_to(rig.T_camera_effector.covariance, (len(J), 6, 6)),
+        "T_base_lidar": _through(by_lidar_link, rig.T_base_lidar.covariance),
     }
-    budget = {name: (part + part.T) / 2 for name, part in budget.items()}
-    return PoseTruth(X @ A @ Z, np.sum(list(budget.values()), axis=0), X, A, Z, budget)
+    total = np.sum(list(parts.values()), axis=0)
+    return [
+        PoseTruth(T, total[i], X, A[i], Z, {name: part[i] for name, part in parts.items()})
+        for i, T in enumerate(X @ A @ Z)
+    ]
+
+
+def _through(J: Array, covariance: Array) -> Array:
+    """(N, 6, 6) J C J^T, exactly symmetric, of (N, 6, n) and one or (N,) covariances (n, n)."""
+    result = J @ covariance @ J.transpose(0, 2, 1)
+    return np.asarray((result + result.transpose(0, 2, 1)) / 2)
 
 
 def offset_covariance(rig: Rig, arm: Arm) -> Array:

@@ -123,7 +123,7 @@ def test_offsets_with_a_covariance_of_their_own_replace_the_rigs_deviation(rig):
 
 def test_drift_is_that_of_even_motion():
     t = np.linspace(0, 2, 2001)
-    assert drift(np.std(0.01 * t), 2.0) == pytest.approx(0.01, rel=1e-3)
+    assert drift([np.std(0.01 * t)], 2.0) == pytest.approx(0.01, rel=1e-3)
     assert drift([0.1], 0.0) == [0.0]
 
 
