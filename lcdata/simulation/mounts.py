@@ -40,9 +40,11 @@ T_base_lidar:
 """What somebody with a ruler and a level wrote down about the simulated tower."""
 
 
-def default_rig() -> Rig:
-    """The simulated tower as measured by hand."""
-    return Rig.from_dict(yaml.safe_load(RIG), "the simulator's rig")
+def default_rig(joint_offset_std_deg: float = 0.0) -> Rig:
+    """The simulated tower as measured by hand, and how far its joints' zero points may be off."""
+    content = yaml.safe_load(RIG)
+    content["arm"]["joint_offset_std_deg"] = joint_offset_std_deg
+    return Rig.from_dict(content, "the simulator's rig")
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,8 +75,8 @@ def simulate(
         width: Image width in pixels.
         height: Image height in pixels.
         rig: Hand-measured rig to simulate, or its file; a built-in one for None.
-        joint_offset_std_deg: Deviation of the joints' constant zero-point errors, which the
-            rig knows nothing of.
+        joint_offset_std_deg: Deviation of the joints' constant zero-point errors; the built-in
+            rig states it (`arm.joint_offset_std_deg`), the errors themselves it does not know.
         force: Replace recordings that exist.
         progress: Called with the scenario, shots done and shots in all.
 
@@ -94,7 +94,7 @@ def simulate(
     for label, number in (("poses", poses), ("pairs", pairs)):
         if number < 1:
             raise SimulationError(f"{number} {label}", "simulate 1 or more")
-    measured = rig if isinstance(rig, Rig) else load_rig(rig) if rig else default_rig()
+    measured = rig if isinstance(rig, Rig) else load_rig(rig) if rig else default_rig(joint_offset_std_deg)
     paths = [bag_path(out, name, format) for name in names]
     for name in names:
         for other in FORMATS:

@@ -107,6 +107,8 @@ def test_the_offsets_go_through_the_file_that_a_rig_names(gen3, tmp_path):
     np.testing.assert_allclose(again.forward(q), found.arm.forward(q), atol=2e-6)
     content = yaml.safe_load(path.read_text())
     assert content["serial"] == "AB123" and content["model"] == "gen3_lite"
+    arm = Arm.load(joint_offsets=path)
+    np.testing.assert_allclose(arm.offset_covariance, found.covariance, atol=1e-9)
     assert content["undetermined"] == ["offset of joint_1", "offset of joint_6"]
     json = found.to_dict()
     assert {"nominal_rms_mm", "fitted_rms_mm", "heldout_nominal_rms_mm", "heldout_rms_mm"} < set(
