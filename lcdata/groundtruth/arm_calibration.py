@@ -119,9 +119,6 @@ class ArmCalibration:
             "offsets_covariance_deg2": [
                 [float(f"{x:.6g}") for x in row] for row in np.rad2deg(np.rad2deg(self.covariance))
             ],
-            "offsets_covariance_deg2": [
-                [round(float(v), 8) for v in row] for row in np.rad2deg(np.rad2deg(self.covariance))
-            ],
             "undetermined": list(self.undetermined),
             "readings": self.readings,
             "heldout_rms_mm": self.to_dict()["heldout_rms_mm"],

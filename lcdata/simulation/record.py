@@ -94,7 +94,9 @@ def simulate(
     for label, number in (("poses", poses), ("pairs", pairs)):
         if number < 1:
             raise SimulationError(f"{number} {label}", "simulate 1 or more")
-    measured = rig if isinstance(rig, Rig) else load_rig(rig) if rig else default_rig(joint_offset_std_deg)
+    measured = (
+        rig if isinstance(rig, Rig) else load_rig(rig) if rig else default_rig(joint_offset_std_deg)
+    )
     paths = [bag_path(out, name, format) for name in names]
     for name in names:
         for other in FORMATS:
