@@ -28,7 +28,14 @@ from lcdata.evaluation.handeye import refine
 from lcdata.geometry import se3
 from lcdata.simulation import simulate
 
-RECORDINGS = (("gym", 3), ("yard", 4), ("gym", 5), ("parking_lot", 6))
+RECORDINGS = (
+    ("gym", 3),
+    ("yard", 4),
+    ("gym", 5),
+    ("parking_lot", 6),
+    ("gym+yard+parking_lot", 7),
+    ("gym+yard+parking_lot", 8),
+)
 
 
 def errors(T, true):
@@ -54,8 +61,8 @@ def prepare(folder, scenario, seed, poses):
     if not (dataset / "dataset.json").exists():
         simulate(
             recordings,
-            scenario=scenario,
-            poses=poses,
+            scenario=scenario.split("+"),
+            poses=poses // len(scenario.split("+")),
             pairs=1,
             seed=seed,
             azimuth_window_deg=140,
@@ -78,7 +85,7 @@ def main():
         folder = options.work / f"{scenario}-{seed}-{options.poses}"
         dataset, true = prepare(folder, scenario, seed, options.poses)
         row = [errors([pose.T_camera_lidar for pose in dataset.poses], true)]
-        line = f"{scenario:<12} seed {seed}: by hand {row[0][0]:5.1f} mm {row[0][1]:.3f} deg"
+        line = f"{scenario:<20} seed {seed}: by hand {row[0][0]:5.1f} mm {row[0][1]:.3f} deg"
         for name, direct in (("estimates", False), ("direct", True)):
             started = time.process_time()
             found = refine(dataset, direct=direct)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lcdata.cli.common import JsonFlag, guarded, print_json
+from lcdata.cli.common import JsonFlag, guarded, print_json, progress_bar
 from lcdata.errors import GroundTruthError
 
 if TYPE_CHECKING:
@@ -82,6 +82,47 @@ def calibrate(
     if out is not None:
         note = " (fitted without link twists, which it does not hold)" if kinematics else ""
         print(f"\n{out}: name it in a rig as arm: {{joint_offsets: {out.name}}}{note}")
+
+
+CLOCK_EXAMPLE = "lcdata arm clock recordings/gym --rig recordings/rig.yaml"
+
+
+@app.command(epilog=f"Example:  {CLOCK_EXAMPLE}")
+@guarded
+def clock(
+    recording: Annotated[Path, typer.Argument(help="A bag or a ROS 2 folder.", show_default=False)],
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file; default: rig.yaml beside the recording.")
+    ] = None,
+    images: Annotated[
+        int, typer.Option(min=3, help="At most so many images in motion, and as many in dwells.")
+    ] = 10,
+    as_json: JsonFlag = False,
+) -> None:
+    """Offset between the clocks of arm and camera, from images taken while the arm moves."""
+    from dataclasses import asdict
+
+    from lcdata.evaluation.clock_offset import clock_offset
+    from lcdata.recording.source import find_recordings
+    from lcdata.rig import RIG_FILE, find_rig, load_rig
+
+    found = rig or find_rig(recording) or recording.parent / RIG_FILE
+    paths = find_recordings(recording)
+    with progress_bar(quiet=as_json) as progress:
+        offsets = {
+            path: clock_offset(path, load_rig(found), images=images, progress=progress)
+            for path in paths
+        }
+    if as_json:
+        print_json({"recordings": [{"path": p, **asdict(o)} for p, o in offsets.items()]})
+        return
+    for path, offset in offsets.items():
+        verdict = "" if offset.significant else ", nothing that can be told from none"
+        print(
+            f"{path}: arm clock - camera clock = {1e3 * offset.offset_s:+.1f} +- "
+            f"{1e3 * offset.std_s:.1f} ms from {offset.moving} images in motion and "
+            f"{offset.still} in dwells{verdict}"
+        )
 
 
 def _distance(text: str) -> float | None:
