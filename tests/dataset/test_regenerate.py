@@ -15,6 +15,7 @@ from lcdata.arm import find_urdf
 from lcdata.dataset import (
     Dataset,
     atomic,
+    build,
     poses_of,
     regenerate,
     schema,
@@ -27,7 +28,7 @@ from lcdata.geometry import se3
 from lcdata.groundtruth.chain import arm_truth
 from lcdata.rig import Rig
 
-from . import arm_dataset, small_dataset
+from . import arm_dataset, runs, small_dataset
 
 
 @pytest.fixture
@@ -282,3 +283,22 @@ def test_data_sets_without_a_budget_get_one(dataset):
     assert old.poses[0].budget == {}
     regenerate(old)
     assert set(Dataset.open(dataset.path).poses[0].budget) == set(dataset.poses[0].budget)
+
+
+def test_a_build_of_the_same_recordings_leaves_the_new_ground_truth(tmp_path):
+    source = runs.recordings(tmp_path / "in", run=runs.run(poses=2, pairs=2))
+    urdf = source / "robot.urdf"
+    shutil.copy(find_urdf("gen3_lite"), urdf)
+    content = yaml.safe_load((source / "rig.yaml").read_text())
+    content.setdefault("arm", {})["model"] = urdf.name
+    (source / "rig.yaml").write_text(yaml.safe_dump(content))
+    built = build(source, tmp_path / "out").dataset
+    assert built.load_arm().urdf.parent.parent == (tmp_path / "out/groundtruth").resolve()
+    changed = regenerate(built, arm_offsets=write_offsets(tmp_path / "arm.yaml"))
+    before = checksums(tmp_path / "out")
+    again = build(source, tmp_path / "out").dataset
+    assert again.info.groundtruth_version == changed.after
+    assert checksums(tmp_path / "out") == before
+    forced = build(source, tmp_path / "out", force=True).dataset
+    assert versions(forced) == [changed.before]
+    assert validate(tmp_path / "out") == []
