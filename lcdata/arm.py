@@ -159,7 +159,7 @@ class Arm:
         missing = [name for name in self.joint_names if name not in index]
         if missing:
             raise ArmError(
-                f"joint states lack {', '.join(missing)}; they have {', '.join(names)}",
+                f"joint states lack {', '.join(missing)}; they have {', '.join(names) or 'none'}",
                 f"{self.urdf.name} needs {', '.join(self.joint_names)}",
             )
         return np.asarray(positions[..., [index[name] for name in self.joint_names]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,7 +52,22 @@ class Pair:
 
     def __post_init__(self) -> None:
         name = f"pair {self.pair_id}" if self.pair_id else "pair"
-        if self.image.dtype != np.uint8 or self.image.ndim not in (2, 3):
+        if not isinstance(self.camera, Camera):
+            raise CalibrationError(
+                f"{name}: camera of type {type(self.camera).__name__}", "give a lcdata.Camera"
+            )
+        given: dict[str, NDArray[Any] | None]
+        given = {"intensity": self.intensity, "ring": self.ring}
+        optional = {label: array for label, array in given.items() if array is not None}
+        needed: dict[str, NDArray[Any]] = {"image": self.image, "points": self.points}
+        for label, array in (needed | optional).items():
+            if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+                kind = getattr(array, "dtype", type(array).__name__)
+                raise CalibrationError(
+                    f"{name}: {label} of type {kind}", "give a NumPy array of real numbers"
+                )
+        shape = self.image.shape
+        if self.image.dtype != np.uint8 or not (len(shape) == 2 or shape[2:] == (3,)):
             raise CalibrationError(
                 f"{name}: image of type {self.image.dtype} and shape {self.image.shape}",
                 "give (H, W) or (H, W, 3) uint8",
@@ -66,14 +82,18 @@ class Pair:
             raise CalibrationError(
                 f"{name}: points of shape {self.points.shape}", "give (N, 3) in metres"
             )
-        for label, array in (("intensity", self.intensity), ("ring", self.ring)):
-            if array is not None and array.shape != (len(self.points),):
+        for label, array in optional.items():
+            if array.shape != (len(self.points),):
                 raise CalibrationError(
                     f"{name}: {label} of shape {array.shape} for {len(self.points)} points",
                     f"give ({len(self.points)},)",
                 )
-        if self.organised and self.organised[0] * self.organised[1] != len(self.points):
+        if self.organised is None:
+            return
+        whole = all(isinstance(n, int | np.integer) and n > 0 for n in self.organised)
+        if not whole or math.prod(self.organised) != len(self.points):
             raise CalibrationError(
                 f"{name}: {len(self.points)} points are not {self.organised[0]} rings x "
-                f"{self.organised[1]} columns"
+                f"{self.organised[1]} columns",
+                "give (rings, columns) whose product is the number of points, or None",
             )

@@ -83,6 +83,11 @@ def calibrate(
     pairs = [pairs] if isinstance(pairs, Pair) else list(pairs)
     if not pairs:
         raise CalibrationError("no pairs to calibrate", "give one Pair or more")
+    for pair in pairs:
+        if not isinstance(pair, Pair):
+            raise CalibrationError(
+                f"cannot calibrate {type(pair).__name__} {str(pair)[:40]!r}", "give lcdata.Pair"
+            )
     calibrator = create(method, **parameters)
     if initial is None:
         if calibrator.needs_initial:

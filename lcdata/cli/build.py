@@ -18,12 +18,14 @@ from lcdata.cli.calibrate import (
 from lcdata.cli.common import (
     Jobs,
     JsonFlag,
+    counted,
     end_with,
     guarded,
     names,
     print_json,
     progress_bar,
 )
+from lcdata.errors import CalibrationError
 
 EXAMPLE = "lcdata build recordings/ -o dataset"
 
@@ -65,6 +67,8 @@ def build(
     from lcdata.dataset import build as package
 
     chosen = names(methods)
+    if not (chosen or no_calibrate):
+        raise CalibrationError("no methods to run", "name one or more, or give --no-calibrate")
     for method in chosen:  # a typing error must not cost the packaging
         create(method)
     with progress_bar(quiet=as_json) as progress:
@@ -82,7 +86,8 @@ def build(
             "pairs": built.pairs,
             "poses": built.poses,
         }
-        lines = [f"{out}: {built.pairs} pairs at {built.poses} arm poses"]
+        poses = counted(built.poses, "arm pose" if built.dataset.info.arm else "pose")
+        lines = [f"{out}: {counted(built.pairs, 'pair')} at {poses}"]
         if not no_calibrate:
             from lcdata.evaluation import run_trials, summary_lines
             from lcdata.report import write_report

@@ -11,7 +11,7 @@ import numpy as np
 
 from lcdata.errors import GeometryError, MessageError
 from lcdata.geometry import se3
-from lcdata.recording import images
+from lcdata.recording import fields, images
 from lcdata.recording.messages import (
     CameraInfo,
     Cloud,
@@ -100,6 +100,7 @@ def _cloud(message: Any, stamp_ns: int, bag_ns: int) -> Cloud:
         row_step=int(message.row_step),
         big_endian=bool(message.is_bigendian),
     )
+    fields.check_points(records.dtype)
     height, width = int(message.height), int(message.width)
     return Cloud(stamp_ns, bag_ns, _frame(message), records, height, width)
 

@@ -51,17 +51,26 @@ def points(records: NDArray[np.void]) -> NDArray[np.float32]:
     Raises:
         MessageError: No x, y or z.
     """
-    names = records.dtype.names or ()
-    if not {"x", "y", "z"} <= set(names):
-        raise MessageError(
-            f"cloud without x, y, z; its fields are {', '.join(names) or 'none'}",
-            "choose another LiDAR topic in the rig (topics.lidar)",
-        )
+    check_points(records.dtype)
     result = np.empty((len(records), 3), np.float32)
     for axis, name in enumerate("xyz"):
         result[:, axis] = records[name]
     result[~result.any(axis=1)] = np.nan
     return result
+
+
+def check_points(dtype: np.dtype[Any]) -> None:
+    """Refuse records without coordinates.
+
+    Raises:
+        MessageError: No x, y or z.
+    """
+    names = dtype.names or ()
+    if not {"x", "y", "z"} <= set(names):
+        raise MessageError(
+            f"cloud without x, y, z; its fields are {', '.join(names) or 'none'}",
+            "choose another LiDAR topic in the rig (topics.lidar)",
+        )
 
 
 def intensity_name(dtype: np.dtype[Any]) -> str | None:

@@ -54,16 +54,20 @@ def inspect(summary: Summary, recording: Recording, rig: Rig | None) -> None:
     except TopicError as error:
         summary.obstacles.append(str(error))
         summary.topics = _topics(recording, None, None)
+        published = summary.candidates["joint_states"]
+        if rig is None and len(published) == 1:
+            _find_arm(summary, recording, published[0], None)
+            summary.ground_truth = "arm" if summary.arm_model else "static"
     else:
         _look(summary, recording, topics, rig)
 
 
 def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | None) -> None:
-    arm = _find_arm(summary, recording, topics, rig)
+    arm = _find_arm(summary, recording, topics.joint_states, rig)
     try:
         surveyed = survey(recording, topics, arm, joint_names=summary.joint_names)
     except ArmError as error:
-        summary.obstacles.append(f"{recording.path}: topic {topics.joint_states}: {error}")
+        summary.obstacles.append(str(error))
         surveyed = survey(recording, topics)
         arm = None
     summary.topics = _topics(recording, topics, surveyed)
@@ -73,6 +77,9 @@ def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | Non
         _look_at_cloud(summary, cloud, rig)
     if isinstance(image, Image):
         _look_at_image(summary, image, surveyed, rig)
+    for topic, first in ((topics.lidar, cloud), (topics.image, image)):
+        if first is None:
+            summary.obstacles.append(f"topic {topic} has no message that can be read")
     _look_at_transforms(summary, recording, rig)
     if rig is None and summary.joint_names and (summary.arm_model or not summary.T_camera_lidar):
         summary.ground_truth = "arm"
@@ -80,7 +87,7 @@ def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | Non
 
 
 def _find_arm(
-    summary: Summary, recording: Recording, topics: Topics, rig: Rig | None
+    summary: Summary, recording: Recording, joint_states: str | None, rig: Rig | None
 ) -> Arm | None:
     """The rig's arm; without a rig the known one whose joints are published."""
     if rig is not None:
@@ -89,13 +96,13 @@ def _find_arm(
         arm = rig.load_arm()
         summary.arm_model, summary.joint_names = rig.arm.model, list(arm.joint_names)
         return arm
-    if topics.joint_states is None:
+    if joint_states is None:
         return None
     from lcdata.arm import Arm, model_directory
 
     published = {
         message.names
-        for _, message in islice(recording.messages([topics.joint_states]), 20)
+        for _, message in islice(recording.messages([joint_states]), 20)
         if isinstance(message, JointState)
     }
     for urdf in sorted(model_directory().glob("*/*.urdf")):
@@ -195,6 +202,8 @@ def _look_at_image(summary: Summary, image: Image, surveyed: Survey, rig: Rig | 
         image.decode()
     except LcdataError as error:
         summary.obstacles.append(str(error))
+        if not image.width:  # not an image at all
+            return
     if camera is None:
         if surveyed.camera_info is None:
             summary.obstacles.append("no CameraInfo: give the camera in the rig")
@@ -252,6 +261,8 @@ def no_dwell(surveyed: Survey, rules: Any) -> str:
     if not len(surveyed.joint_ns):
         return "no dwell: no joint states of the arm"
     finite = np.isfinite(surveyed.positions).all(axis=1)
+    if not finite.any():
+        return f"no dwell: none of the {len(surveyed.joint_ns)} joint states has finite positions"
     stamps, first = np.unique(surveyed.joint_ns[finite], return_index=True)
     speeds = speed(stamps * 1e-9 - stamps[:1] * 1e-9, surveyed.positions[finite][first])
     slowest = np.rad2deg(np.min(speeds, initial=np.inf))

@@ -92,6 +92,7 @@ class Image(Message):
             MessageError: Unknown encoding, or pixels that are not all there.
         """
         if self.compressed:
+            images.check_whole(self.data, self.encoding)
             return bytes(self.data), images.suffix(self.data, self.encoding)
         return images.encode_png(self._pixels()), ".png"
 

@@ -50,7 +50,8 @@ def open_storage(path: Path) -> Storage:
             if not file.read(1):
                 raise RecordingError(f"{path} is empty (0 bytes)", "remove it or copy it again")
     except OSError as error:
-        raise RecordingError(f"{path} cannot be opened ({error.strerror})") from error
+        remedy = "check the permissions" if isinstance(error, PermissionError) else ""
+        raise RecordingError(f"{path} cannot be opened ({error.strerror})", remedy) from error
     suffix = storage_suffix(path)
     if not suffix:
         raise RecordingError(f"{path} is not a recording", f"give {KINDS}")
@@ -69,15 +70,17 @@ def _open_folder(path: Path) -> Storage:
     problems = [
         f"{path}: its file {name} is missing: copy it again" for name in listed if name not in found
     ]
+    remedy = "" if problems else "copy or record it again"
     parts: list[Storage] = []
     for name in sorted(found, key=lambda name: (len(name), name)):  # _2 before _10
         try:
             parts.append(open_storage(found[name]))
         except RecordingError as error:
             problems.append(error.message)
+            remedy = error.remedy or remedy
     if not parts:
         reason = "; ".join(problems) or f"{path} has no {' or '.join(OPENERS)} file"
-        raise RecordingError(reason, "copy or record it again")
+        raise RecordingError(reason, remedy)
     return parts[0] if len(parts) == 1 and not problems else Chain(parts, problems)
 
 

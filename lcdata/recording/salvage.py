@@ -44,11 +44,14 @@ class Scanned:
             self.start_ns, self.end_ns = min(self.start_ns, stamp), max(self.end_ns, stamp)
         count = sum(info.count for info in self.topics.values())
         if not count:
+            if not self._stopped:
+                raise RecordingError(f"{path} has no messages", "copy or record it again")
             raise RecordingError(
-                f"{path} cannot be read ({self._stopped or reason})", "copy or record it again"
+                f"{path} cannot be read ({self._stopped})", "copy or record it again"
             )
         self.problems = [
-            f"{path} is cut off or damaged ({self._stopped}): the {count} messages before are read"
+            f"{path} is cut off or damaged ({self._stopped}): the {count} messages before are "
+            "read: copy it again for the rest"
             if self._stopped
             else f"{path} has no usable index ({reason}): its {count} messages are read"
         ]

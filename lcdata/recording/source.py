@@ -39,6 +39,12 @@ def find_recordings(path: Path) -> list[Path]:
         raise RecordingError(f"no recording in {path}", f"give {KINDS}")
     names: dict[str, Path] = {}
     for recording in found:
+        try:
+            recording.name.encode()
+        except UnicodeEncodeError as error:
+            raise RecordingError(
+                f"{str(recording)!a}: its name is not UTF-8", "rename it: it names the scenario"
+            ) from error
         other = names.setdefault(scenario_name(recording), recording)
         if other != recording:
             raise RecordingError(
@@ -54,6 +60,8 @@ def _walk(path: Path) -> Iterator[Path]:
         yield path
     elif (path / "metadata.yaml").is_file():
         yield path
+    elif not path.is_dir():
+        raise RecordingError(f"{path} is neither a file nor a folder", f"give {KINDS}")
     else:
         for child in path.iterdir():
             if not child.name.startswith(".") and (child.is_dir() or storage_suffix(child)):
@@ -62,7 +70,8 @@ def _walk(path: Path) -> Iterator[Path]:
 
 def scenario_name(path: Path) -> str:
     """A recording's name: its file's name without suffixes, or its folder's."""
-    name = path.resolve().name
+    # Without `resolve`, a link keeps its own name; `.` and `..` have none.
+    name = path.name if path.name not in ("", "..") else path.resolve().name
     if path.is_dir():
         return name
     for ending in (*COMPRESSED_SUFFIXES, ".active", *OPENERS):

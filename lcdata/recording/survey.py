@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.errors import ArmError
 from lcdata.recording.messages import CameraInfo, JointState
 from lcdata.recording.source import Recording
 from lcdata.recording.topics import Topics
@@ -88,7 +89,11 @@ def survey(
             joint_ns.append(stamp_ns)
             positions.extend(message.positions[order])
     if arm is not None and foreign is not None and not joint_ns:
-        arm.order(foreign.names, foreign.positions)  # raises, naming the joints
+        try:
+            arm.order(foreign.names, foreign.positions)  # raises, naming the joints
+        except ArmError as error:
+            where = f"{recording.path}: topic {topics.joint_states}"
+            raise ArmError(f"{where}: {error.message}", error.remedy) from error
     return Survey(
         np.unique(np.array(stamps[topics.lidar], np.int64)),
         np.unique(np.array(stamps[topics.image], np.int64)),
