@@ -294,7 +294,8 @@ def load_rig(path: Path) -> Rig:
             f"no rig file {path}", "`lcdata info RECORDING` prints one to start from"
         ) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise RigError(f"{path}: cannot be read ({error})") from error
+        reason = getattr(error, "strerror", None) or "it is no text file"
+        raise RigError(f"{path}: cannot be read ({reason})", "check the file") from error
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         content = yaml.safe_load(text)

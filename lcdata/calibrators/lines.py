@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -85,6 +86,29 @@ class LineCalibrator(Calibrator):
     max_rotation_sigma_deg: float = 1.0
     max_translation_sigma_m: float = 0.2
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "search_rotation_deg": 180.0,
+            "search_translation_m": math.inf,
+            "search_samples": 10_000_000,
+            "max_rotation_sigma_deg": math.inf,
+            "max_translation_sigma_m": math.inf,
+        }
+        for name, highest in limits.items():
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and 0 < value <= highest):
+                raise CalibrationError(
+                    f"method {self.name!r}: {name} is {value!r}",
+                    f"give a number above 0, at most {highest:g}",
+                )
+        for name in ("search_samples", "seed"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 0:
+                raise CalibrationError(
+                    f"method {self.name!r}: {name} is {value!r}", "give a whole number"
+                )
 
     @property
     @abstractmethod

@@ -32,6 +32,10 @@ RESERVED = (
 )
 
 
+SHOWN_FAILURES = 4
+"""How many reasons fit into the one line that a person reads."""
+
+
 @dataclass(frozen=True)
 class BuildSummary:
     """What a build made.
@@ -166,4 +170,7 @@ def _nothing(
     """Why there is no data set: the only recording's error, or all of them."""
     if len(errors) == len(failures) == 1:
         return errors[0]
-    return DatasetError(f"no pair could be taken from {recordings}", "; ".join(failures))
+    shown = list(failures[:SHOWN_FAILURES])
+    if len(failures) > SHOWN_FAILURES:
+        shown.append(f"and {len(failures) - SHOWN_FAILURES} more")
+    return DatasetError(f"no pair could be taken from {recordings}", "; ".join(shown))

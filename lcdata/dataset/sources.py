@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,15 +44,20 @@ def find_rig(root: Path, recordings: Sequence[Path]) -> Path:
 
 
 def _nearest(root: Path, recording: Path) -> Path | None:
-    top = root.resolve()
-    if recording.resolve() == top:
+    top, start = _absolute(root), _absolute(recording)
+    if start == top:
         top = top.parent
-    for folder in (recording.resolve(), *recording.resolve().parents):
+    for folder in (start, *start.parents):
         if (folder / RIG).is_file():
             return folder / RIG
         if folder == top:
             return None
     return None
+
+
+def _absolute(path: Path) -> Path:
+    """Where the user says it is: a link to a recording has its rig beside the link."""
+    return Path(os.path.abspath(path))  # noqa: PTH100 - Path.absolute keeps ..
 
 
 def describe_source(path: Path) -> dict[str, Any]:
@@ -70,7 +76,7 @@ def describe_source(path: Path) -> dict[str, Any]:
             digest.update(opened.read(SAMPLE_BYTES))
     return {
         "scenario": scenario_name(path),
-        "name": path.resolve().name,
+        "name": _absolute(path).name,
         "bytes": sum(file.stat().st_size for file in files),
         "fingerprint": digest.hexdigest(),
     }

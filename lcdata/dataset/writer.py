@@ -29,7 +29,9 @@ def write_cloud(folder: Path, pair_id: str, cloud: Cloud) -> tuple[str, str, int
         DatasetError: It cannot be written.
     """
     if not cloud_file.has_points(cloud.records):
-        raise MessageError(f"cloud of {len(cloud.records)} points, none of them finite")
+        raise MessageError(
+            f"cloud of {len(cloud.records)} points, none of them finite", "check the LiDAR's driver"
+        )
     name = f"{pair_id}.pcd"
     digest = _write(folder / name, *cloud_file.encode(cloud.records, cloud.height, cloud.width))
     return name, digest, len(cloud.records)

@@ -63,8 +63,9 @@ def scan_grid(
     Returns:
         The grid; None where the points do not form one.
     """
-    cloud = np.array(points, np.float32, order="C")
-    cloud[~np.isfinite(cloud[:, 0] + cloud[:, 1] + cloud[:, 2])] = 0
+    with np.errstate(over="ignore"):  # what is too large for float32 is no return
+        cloud = np.array(points, np.float32, order="C")
+    cloud[~np.isfinite(cloud).all(axis=1)] = 0
     if organised is not None and organised[0] >= FEWEST_RINGS and organised[1] >= FEWEST_COLUMNS:
         return _from_image(cloud.reshape(*organised, 3))
     valid = cloud.any(axis=1)
