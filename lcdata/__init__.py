@@ -41,12 +41,14 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     """Import public names on first use: `lcdata --help` must not wait for NumPy."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'lcdata' has no attribute {name!r}")
     from importlib import import_module
 
+    if name == "handeye":
+        return import_module("lcdata.handeye")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'lcdata' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *_HOMES, "handeye"})

@@ -84,6 +84,14 @@ def test_importing_the_package_and_the_command_line_loads_nothing_heavy():
     assert done.returncode == 0, f"loaded at start-up: {done.stderr}"
 
 
+def test_the_python_face_is_there_without_further_imports():
+    code = (
+        "import lcdata;"
+        "lcdata.handeye.solve; lcdata.calibrate; lcdata.Dataset.open; lcdata.Pair; lcdata.Camera"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 @pytest.mark.slow
 def test_the_wheel_holds_the_arm_models_and_the_type_marker(tmp_path):
     subprocess.run(
