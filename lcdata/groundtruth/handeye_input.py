@@ -127,7 +127,8 @@ def _rigid(T: Array, name: str, names: NDArray[np.intp]) -> Array:
     """`se3.check_transform` of a stack, the i-th called name[names[i]]."""
     R = T[:, :3, :3]
     apart = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
-    good = (apart <= se3.ROTATION_TOLERANCE) & (np.linalg.det(R) > 0)
+    with np.errstate(invalid="ignore"):  # NaN is not good either
+        good = (apart <= se3.ROTATION_TOLERANCE) & (np.linalg.det(R) > 0)
     good &= np.isfinite(T).all(axis=(1, 2)) & (T[:, 3] == [0, 0, 0, 1]).all(axis=1)
     T = T.copy()
     for i in np.flatnonzero(~good):

@@ -23,11 +23,17 @@ residuals are longer."""
 GATE = 4.74
 """Length that one good residual in a thousand exceeds (chi with 6 degrees of freedom)."""
 
+FALSE_ALARM = 1e-3
+"""Chance that any good pose at all is taken for wrong, however many there are."""
+
 ENOUGH = 5
 """From so many poses on, residuals say which pose is wrong and how good the estimates are."""
 
 USUAL_STD = (0.03, np.deg2rad(0.3))
 """Metres and radians of a line method on one pair, for fewer poses than that."""
+
+MOST_TURNS = 8
+"""Of choosing the good poses and solving with them; few settle in more than four."""
 
 STD_FLOOR = 1e-9
 """Exact data must not make rounding errors into outliers."""
@@ -64,17 +70,32 @@ def fit(problem: Problem, weights: Weights, state: State) -> Fit:
         lengths = noise.update(state, everyone, robust=True)
         state = _minimise(problem, noise.whiten, loss(lengths), state, iterations=1)
     inliers = everyone
-    for robust in (True, False, False, False):  # at first the wrong ones are still in
+    for turn in range(MOST_TURNS):
+        before, robust = noise.std, turn == 0  # at first the wrong ones are still in
         lengths = noise.update(state, inliers, robust=robust)
-        within = lengths < GATE if enough else everyone
+        if not robust:
+            lengths = lengths * noise.without_own(state, inliers)
+        within = lengths < _gate(len(lengths), int(inliers.sum())) if enough else everyone
         if not within.sum() >= min(4, len(within)):
             within = everyone  # more wrong than right: no majority to trust
         state = _minimise(problem, noise.whiten, within.astype(float), state)
-        if np.array_equal(within, inliers):
+        settled = np.allclose(noise.std, before, rtol=1e-3) and not robust
+        if np.array_equal(within, inliers) and settled:
             break
         inliers = within
     noise.update(state, inliers, robust=False)
     return _finish(problem, noise, state, inliers)
+
+
+def _gate(poses: int, inliers: int) -> float:
+    """Length that the longest residual of all good poses exceeds once in `1 / FALSE_ALARM` times.
+
+    The noise is learnt from few residuals itself, so a squared length is F-, not chi-distributed.
+    """
+    from scipy.special import fdtri
+
+    freedom = 6.0 * max(1, inliers - 2)
+    return float(np.sqrt(6 * fdtri(6.0, freedom, 1 - FALSE_ALARM / poses)))
 
 
 def _huber(lengths: Array) -> Array:
@@ -113,6 +134,17 @@ class _Noise:
             )
             self.whiten = self._scaled()
         return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", self.whiten, raw), axis=1))
+
+    def without_own(self, state: State, inliers: NDArray[np.bool_]) -> Array:
+        """(N,) factors by which lengths grow if a pose has no part in the noise it is held to.
+
+        One wrong pose among few would otherwise make room for itself.
+        """
+        whitened = np.einsum("nij,nj->ni", self.whiten, self.problem.residuals(state))
+        squares = np.square(whitened).sum(axis=1) * inliers
+        left = 1 - squares / max(float(squares.sum()), 1e-300)
+        count = float(inliers.sum())
+        return np.where(inliers, np.sqrt((1 - 1 / count) / np.maximum(left, 1e-9)), 1.0)
 
     def _freedom(self, count: int) -> float:
         """Share of the residuals' squares that the solution has not taken for itself."""
