@@ -55,6 +55,13 @@ def test_wrong_estimates_among_twenty_cost_next_to_nothing(wrong):
     assert np.median(ratios) < 1.05
 
 
+def test_no_good_pose_of_a_hundred_recordings_is_called_wrong():
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        A = arm_poses(rng, 20)
+        assert solve(A, noisy(rng, X @ A @ Z)).outliers == ()
+
+
 @pytest.mark.parametrize("kind", ["no weights", "covariances", "prior"])
 def test_the_covariance_is_that_of_the_errors(kind):
     squares = []
