@@ -13,32 +13,25 @@ from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PrivateAttr,
     ValidationError,
     model_validator,
 )
 
+from lcdata import yaml_file
 from lcdata.errors import GeometryError, RigError
-from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
+from lcdata.rig_joint_log import JointLog, JointLogSection
+from lcdata.rig_links import LINKS, Link, LinksCovariance, NotNegative, Section
 
 if TYPE_CHECKING:
     from lcdata.arm import Arm
 
 Array = NDArray[np.float64]
-Vector3 = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
 
 RIG_FILE = "rig.yaml"
-
-
-def _three(value: Any) -> Any:
-    """One number stands for three equal ones."""
-    return (value,) * 3 if isinstance(value, int | float) else value
 
 
 JOINT_OFFSET_STD_DEG = 0.75
@@ -50,77 +43,6 @@ real Gen3 lite in a socket by the 6.1 mm that were measured; those that could be
 def _text(value: Any) -> Any:
     """YAML reads a serial number of digits as a number."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-Std3 = Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_three)]
-
-
-class Section(BaseModel):
-    """A part of the rig: unknown keys are errors, values do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Link(Section):
-    """A transform measured by hand, with standard deviations.
-
-    Give either `matrix`, or `translation_m` with one of `rotation_xyzw` and `rotation_rpy_deg`
-    (as in URDF: about the fixed x, then y, then z axis). The standard deviations belong to a
-    left perturbation: for `T_a_b` they are along and about the axes of frame a.
-    """
-
-    matrix: tuple[tuple[float, ...], ...] | None = None
-    translation_m: Vector3 | None = None
-    rotation_xyzw: tuple[float, float, float, float] | None = None
-    rotation_rpy_deg: Vector3 | None = None
-    translation_std_m: Std3 | None = None
-    rotation_std_deg: Std3 | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _bare_matrix(cls, value: Any) -> Any:
-        return {"matrix": value} if isinstance(value, list) else value
-
-    @model_validator(mode="after")
-    def _one_form(self) -> Self:
-        rotations = [r for r in (self.rotation_xyzw, self.rotation_rpy_deg) if r is not None]
-        if self.matrix is not None:
-            if rotations or self.translation_m is not None:
-                raise ValueError("give matrix, or translation_m and a rotation, not both")
-        elif self.translation_m is None or len(rotations) != 1:
-            raise ValueError(
-                "give matrix, or translation_m with one of rotation_xyzw, rotation_rpy_deg"
-            )
-        if (self.translation_std_m is None) != (self.rotation_std_deg is None):
-            raise ValueError("give both translation_std_m and rotation_std_deg, or neither")
-        try:
-            _ = self.T
-        except GeometryError as error:
-            raise ValueError(str(error)) from error
-        return self
-
-    @property
-    def T(self) -> Array:
-        """The 4x4 transform."""
-        from scipy.spatial.transform import Rotation
-
-        if self.matrix is not None:
-            return se3.check_transform([list(row) for row in self.matrix])
-        if self.rotation_xyzw is not None:
-            return se3.from_xyz_xyzw([*(self.translation_m or ()), *self.rotation_xyzw])
-        T = np.eye(4)
-        angles = np.array(self.rotation_rpy_deg, float)
-        T[:3, :3] = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-        T[:3, 3] = self.translation_m
-        return se3.check_transform(T)
-
-    @property
-    def covariance(self) -> Array:
-        """6x6 covariance, translation (m) then rotation (rad); NaN where no std was given."""
-        if self.translation_std_m is None or self.rotation_std_deg is None:
-            return np.full((6, 6), np.nan)
-        std = [*self.translation_std_m, *np.deg2rad(self.rotation_std_deg)]
-        return np.diag(np.square(std))
 
 
 class CameraSection(Section):
@@ -195,10 +117,12 @@ class Rig(Section):
     simulated: bool = False
     topics: Topics = Topics()
     camera: CameraSection | None = None
+    joint_log: JointLog = None
     arm: ArmSection = ArmSection()
     T_camera_effector: Link | None = None
     T_base_lidar: Link | None = None
     T_camera_lidar: Link | None = None
+    links_covariance: LinksCovariance | None = None
     clock_offset_std_s: NotNegative = 0.0
     pairing: Pairing = Pairing()
     dwells: Dwells = Dwells()
@@ -226,12 +150,41 @@ class Rig(Section):
             given = [name for name, link in hand_measured.items() if link is not None]
             if given:
                 raise ValueError(f"{' and '.join(given)} go with ground_truth: arm")
+        if self.links_covariance is not None:
+            if self.ground_truth != "arm":
+                raise ValueError("links_covariance goes with ground_truth: arm")
+            for name, link in hand_measured.items():
+                if link is not None and link.translation_std_m is not None:
+                    raise ValueError(
+                        f"links_covariance and standard deviations of {name}: give one of them"
+                    )
         return self
 
     @property
     def folder(self) -> Path | None:
         """Folder of the file it was read from, which its relative paths start from."""
         return self._path.parent if self._path else None
+
+    def covariance_of_links(self) -> Array:
+        """What is known of both links together.
+
+        Returns:
+            (12, 12) of T_camera_effector, then T_base_lidar, each translation (m) then rotation
+            (rad), left perturbations; (12 + n, 12 + n) with the joint offsets (rad) after them
+            where `links_covariance` has them. NaN where nothing is known.
+
+        Raises:
+            RigError: The rig has no such links.
+        """
+        if self.T_camera_effector is None or self.T_base_lidar is None:
+            raise RigError("the rig has no T_camera_effector and T_base_lidar", "add both")
+        if self.links_covariance is not None:
+            given = np.array(self.links_covariance)
+            return np.asarray((given + given.T) / 2)
+        result = np.zeros((LINKS, LINKS))
+        result[:6, :6] = self.T_camera_effector.covariance
+        result[6:, 6:] = self.T_base_lidar.covariance
+        return result
 
     def camera_model(self) -> Camera | None:
         """The camera given here; None if CameraInfo is to be used."""
@@ -297,12 +250,13 @@ def load_rig(path: Path) -> Rig:
         reason = getattr(error, "strerror", None) or "it is no text file"
         raise RigError(f"{path}: cannot be read ({reason})", "check the file") from error
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        content = yaml.safe_load(text)
+        content, root = yaml_file.parse(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
         raise RigError(f"{path}{line}: not YAML ({getattr(error, 'problem', error)})") from error
+    for key, first, second in yaml_file.duplicates(root):
+        raise RigError(f"{path}:{second}: {key} is given twice, first in line {first}", "keep one")
     rig = _validated({} if content is None else content, str(path), root)
     rig._path = path.resolve()
     return rig
@@ -324,7 +278,7 @@ def _describe(error: ValidationError, source: str, root: yaml.Node | None) -> st
     """The first error in one line: file:line, key, value, and what is allowed."""
     first = error.errors()[0]
     path = [part for part in first["loc"] if isinstance(part, str | int)]
-    line = _line_of(root, path)
+    line = yaml_file.line_of(root, path)
     where = f"{source}:{line}" if line else source
     key = ".".join(map(str, path))
     if first["type"] == "extra_forbidden":
@@ -350,20 +304,3 @@ def _keys_at(path: Sequence[str | int]) -> list[str]:
         candidates = [annotation, *getattr(annotation, "__args__", ())]
         section = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
     return list(section.model_fields)
-
-
-def _line_of(node: yaml.Node | None, path: Sequence[str | int]) -> int | None:
-    """Line of a key in the file, or of the deepest part of its path that is there."""
-    line = None
-    for part in path:
-        if isinstance(node, yaml.MappingNode):
-            for key, value in node.value:
-                if key.value == str(part):
-                    line, node = key.start_mark.line + 1, value
-                    break
-            else:
-                break
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
-            node = node.value[part] if part < len(node.value) else None
-            line = node.start_mark.line + 1 if node else line
-    return line

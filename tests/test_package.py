@@ -14,6 +14,7 @@ PACKAGE = ROOT / "lcdata"
 # Rooms from the ground up; a file imports from its own room and from floors below it only.
 FLOORS = {
     "errors": 1.0,
+    "yaml_file": 1.0,
     "geometry": 1.1,
     "arm_chain": 1.15,
     "arm_kernels": 1.15,
@@ -22,6 +23,7 @@ FLOORS = {
     "arm": 1.2,
     "pair": 1.2,
     "open3d_loader": 1.2,
+    "rig_links": 1.25,
     "rig": 1.3,
     "recording": 2,
     "groundtruth": 2,

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -132,3 +133,67 @@ def test_whatever_a_file_holds_the_answer_is_a_rig_or_one_line(content):
         Rig.from_dict(content)
     except LcdataError as error:
         assert "\n" not in str(error)
+
+
+def correlated(size=12, seed=0):
+    root = np.random.default_rng(seed).normal(size=(size, size)) * 1e-3
+    return root @ root.T
+
+
+def refined(covariance):
+    content = yaml.safe_load(ARM)
+    for name in ("T_camera_effector", "T_base_lidar"):
+        for key in ("translation_std_m", "rotation_std_deg"):
+            del content[name][key]
+    return content | {"links_covariance": np.asarray(covariance).tolist()}
+
+
+@pytest.mark.parametrize("size", [12, 18])
+def test_links_with_a_covariance_of_their_own(tmp_path, size):
+    C = correlated(size)
+    rig = load_rig(write(tmp_path, yaml.safe_dump(refined(C))))
+    np.testing.assert_allclose(rig.covariance_of_links(), C, rtol=1e-12, atol=1e-20)
+    again = Rig.from_dict(rig.to_dict())
+    np.testing.assert_array_equal(again.covariance_of_links(), rig.covariance_of_links())
+
+
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [
+        (np.eye(6), "6 rows of 6 numbers; give 12x12"),
+        (np.ones((12, 11)), "12 rows of 11 numbers"),
+        (np.eye(12) + 1e-3 * np.eye(12, k=11), "not symmetric: 0.001 in row 1, column 12"),
+        (correlated() - np.eye(12) * 1e-5, "must have none below 0"),
+        (np.full((12, 12), np.nan), "finite"),
+        ([], "0 rows"),
+    ],
+)
+def test_a_covariance_that_is_none_is_refused(covariance, words):
+    with pytest.raises(RigError, match=words) as caught:
+        Rig.from_dict(refined(covariance))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_covariance_and_deviations_of_the_same_link_are_refused():
+    content = refined(correlated())
+    content["T_base_lidar"] |= {"translation_std_m": 0.1, "rotation_std_deg": 0.1}
+    with pytest.raises(RigError, match="standard deviations of T_base_lidar: give one"):
+        Rig.from_dict(content)
+    with pytest.raises(RigError, match="goes with ground_truth: arm"):
+        Rig.from_dict({"ground_truth": "static", "links_covariance": correlated().tolist()})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ground_truth: arm\nnote: x\nground_truth: static", ":3: ground_truth is .* line 1"),
+        (
+            "ground_truth: static\ndwells:\n  settle_s: 1\n  settle_s: 2",
+            ":4: dwells.settle_s is given twice, first in line 3",
+        ),
+        ("note: &a [*a]\nnote: *a", ":2: note is given twice"),
+    ],
+)
+def test_a_key_given_twice_is_no_matter_of_chance(tmp_path, text, words):
+    with pytest.raises(RigError, match=words):
+        load_rig(write(tmp_path, text))

@@ -18,6 +18,8 @@ TITLES = {
     "clock_offset": "clock offset",
     "T_camera_effector": "camera on effector",
     "T_base_lidar": "LiDAR on arm base",
+    "links": "both links, refined",
+    "links_and_joint_offsets": "links and joint offsets, refined",
     "T_camera_lidar": "static extrinsic",
 }
 """Every source of uncertainty and what a reader calls it."""

@@ -19,6 +19,7 @@ from lcdata.geometry import se3
 from lcdata.groundtruth.budget import drift
 from lcdata.groundtruth.twists import adjoint_many
 from lcdata.rig import Rig
+from lcdata.rig_links import LINKS
 
 Array = NDArray[np.float64]
 
@@ -96,17 +97,20 @@ def arm_truths(
     their part is right for each pose, yet does not average out over poses. Nor do those of the
     two links. v is at most the drift within the dwell, which stands still but for that.
 
+    Links that were refined together have errors xi_X and xi_Z (and dq_offsets, where those were
+    refined as well) that belong together: the rig's `links_covariance`, one part of the budget.
+
     Args:
         rig: Hand-measured links with standard deviations, encoder standard deviation.
         arm: Arm model; the covariance of its joint offsets, where known, replaces the rig's
-            standard deviation.
+            standard deviation, and the rig's `links_covariance`, where it has joint offsets, both.
         positions: (N, n) mean joint positions in radians, in the arm's order.
         scatter: (N, n) standard deviations within the dwells in radians.
         samples: (N,) joint states in each dwell.
         duration_s: (N,) how long each lasted.
 
     Raises:
-        RigError: The rig has no arm's links.
+        RigError: The rig has no arm's links, or their covariance is of another arm's joints.
         ArmError: Not as many positions as joints.
     """
     if rig.T_camera_effector is None or rig.T_base_lidar is None:
@@ -123,16 +127,35 @@ def arm_truths(
     clock = (drift(spread, duration_s) * rig.clock_offset_std_s) ** 2
     parts = {
         "encoders": _through(by_joints, encoders[:, :, None] * np.eye(spread.shape[1])),
-        "joint_offsets": _through(by_joints, offset_covariance(rig, arm)),
         "clock_offset": _through(by_joints, clock[:, :, None] * np.eye(spread.shape[1])),
-        "T_camera_effector": np.broadcast_to(rig.T_camera_effector.covariance, (len(J), 6, 6)),
-        "T_base_lidar": _through(by_lidar_link, rig.T_base_lidar.covariance),
-    }
+    } | _constant_parts(rig, arm, by_lidar_link, by_joints)
     total = np.sum(list(parts.values()), axis=0)
     return [
         PoseTruth(T, total[i], X, A[i], Z, {name: part[i] for name, part in parts.items()})
         for i, T in enumerate(X @ A @ Z)
     ]
+
+
+def _constant_parts(rig: Rig, arm: Arm, by_lidar_link: Array, by_joints: Array) -> dict[str, Array]:
+    """(N, 6, 6) of what is the same at every pose: links and joint offsets, by source."""
+    links, n = rig.covariance_of_links(), len(arm.joint_names)
+    if len(links) not in {LINKS, LINKS + n}:
+        raise RigError(
+            f"the rig's links_covariance has {len(links)} rows, the arm has {n} joints",
+            f"give {LINKS} rows, or {LINKS + n} with the joint offsets",
+        )
+    by_camera_link = np.broadcast_to(np.eye(6), by_lidar_link.shape)
+    by_links = np.concatenate([by_camera_link, by_lidar_link], axis=2)
+    if len(links) > LINKS:
+        by_all = np.concatenate([by_links, -by_joints], axis=2)
+        return {"links_and_joint_offsets": _through(by_all, links)}
+    offsets = {"joint_offsets": _through(by_joints, offset_covariance(rig, arm))}
+    if rig.links_covariance is not None:
+        return offsets | {"links": _through(by_links, links)}
+    return offsets | {
+        "T_camera_effector": _through(by_camera_link, links[:6, :6]),
+        "T_base_lidar": _through(by_lidar_link, links[6:, 6:]),
+    }
 
 
 def _through(J: Array, covariance: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcdata.errors import GeometryError, GroundTruthError
 from lcdata.geometry import se3
 from lcdata.groundtruth.handeye_problem import Joints, Prior, Problem
+from lcdata.rig_links import LINKS
 
 Array = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def checked(
     A = _rigid(A, "T_effector_base", np.arange(count))
     T = _rigid(T[used], "T_camera_lidar", used)
     if joints is not None:
-        _check_joints(joints, A)
+        joints = _checked_joints(joints, A, prior)
     problem = Problem(A, A, _prior(prior), joints).subset(used)
     problem = Problem(problem.A, T, problem.prior, problem.joints)
     return Checked(problem, Weights(W.covariances[used], W.absolute), used, failed)
@@ -169,26 +170,27 @@ def _check_covariance(W: Array, name: str) -> None:
 def _prior(prior: Prior | None) -> Prior | None:
     if prior is None:
         return None
-    covariances = []
-    for name, covariance in (
-        ("T_camera_effector", prior.covariance_camera_effector),
-        ("T_base_lidar", prior.covariance_base_lidar),
-    ):
-        C = np.asarray(covariance, float)
-        if C.shape != (6, 6) or not np.isfinite(C).all():
+    C = np.asarray(prior.joint, float)
+    for name, part in (("T_camera_effector", slice(6)), ("T_base_lidar", slice(6, LINKS))):
+        if not np.isfinite(C[part, part]).all():
             raise GroundTruthError(
                 f"the prior of {name} has no standard deviations",
                 "give translation_std_m and rotation_std_deg in the rig",
             )
-        C = C + STD_FLOOR**2 * np.eye(6)
-        _check_covariance(C, f"covariance of the prior of {name}")
-        covariances.append(C)
+    C = _floored(C, "covariance of the prior")
     X = se3.check_transform(prior.T_camera_effector, "prior T_camera_effector")
     Z = se3.check_transform(prior.T_base_lidar, "prior T_base_lidar")
-    return Prior(X, Z, *covariances)
+    return Prior(X, Z, C[:6, :6], C[6:LINKS, 6:LINKS], C)
 
 
-def _check_joints(joints: Joints, A: Array) -> None:
+def _floored(C: Array, name: str) -> Array:
+    """What is called exact, or in exact proportion to others, is known to `STD_FLOOR`."""
+    C = C + STD_FLOOR**2 * np.eye(len(C))
+    _check_covariance(C, name)
+    return C
+
+
+def _checked_joints(joints: Joints, A: Array, prior: Prior | None) -> Joints:
     q = joints.arm.with_offsets(joints.positions)
     if len(q) != len(A):
         raise GroundTruthError(
@@ -207,3 +209,17 @@ def _check_joints(joints: Joints, A: Array) -> None:
                 f"{np.rad2deg(radians):.3g} deg off the forward kinematics of its joint positions",
                 "give the arm, frames and joint offsets that it was computed with",
             )
+    n, known = joints.n_offsets, LINKS if prior is None else len(prior.joint)
+    if known not in {LINKS, LINKS + n} and n:
+        raise GroundTruthError(
+            f"the prior is of {known - LINKS} joint offsets, the arm has {n} joints",
+            "give the covariance of this arm",
+        )
+    if joints.offset_covariance is None:
+        return joints
+    C = np.asarray(joints.offset_covariance, float)
+    if C.shape != (n, n) or not np.isfinite(C).all():
+        raise GroundTruthError(
+            f"the covariance of the joint offsets has shape {C.shape}", f"give ({n}, {n}) rad^2"
+        )
+    return replace(joints, offset_covariance=_floored(C, "covariance of the joint offsets"))

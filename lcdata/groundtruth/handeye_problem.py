@@ -14,6 +14,7 @@ offset dt makes of joint velocities v_i.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,7 @@ from lcdata.errors import GroundTruthError
 from lcdata.geometry import se3
 from lcdata.groundtruth.twists import adjoint_many, linearised_log_many, log_many
 from lcdata.rig import Rig
+from lcdata.rig_links import LINKS
 
 Array = NDArray[np.float64]
 
@@ -36,24 +38,39 @@ class Prior:
         T_base_lidar: 4x4.
         covariance_camera_effector: 6x6, translation (m) then rotation (rad), left perturbation.
         covariance_base_lidar: 6x6, the same.
+        covariance: (12, 12) of both links, where their errors belong together, or (12 + n, 12 + n)
+            with the errors (rad) of n joint offsets after them; replaces the two.
     """
 
     T_camera_effector: Array
     T_base_lidar: Array
     covariance_camera_effector: Array
     covariance_base_lidar: Array
+    covariance: Array | None = None
+
+    @property
+    def joint(self) -> Array:
+        """`covariance`, or that of two independent links."""
+        if self.covariance is not None:
+            return self.covariance
+        result = np.zeros((LINKS, LINKS))
+        result[:6, :6] = self.covariance_camera_effector
+        result[6:, 6:] = self.covariance_base_lidar
+        return result
 
     @classmethod
     def of_rig(cls, rig: Rig) -> Prior:
-        """The links of a rig file with their standard deviations.
+        """The links of a rig file with their standard deviations or their covariance.
 
         Raises:
-            GroundTruthError: A link is missing or has no standard deviations.
+            GroundTruthError: A link is missing.
         """
         X, Z = rig.T_camera_effector, rig.T_base_lidar
         if X is None or Z is None:
             raise GroundTruthError("the rig has no T_camera_effector and T_base_lidar", "add both")
-        return cls(X.T, Z.T, X.covariance, Z.covariance)
+        C = rig.covariance_of_links()
+        together = C if rig.links_covariance is not None else None
+        return cls(X.T, Z.T, C[:6, :6], C[6:12, 6:12], together)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +84,7 @@ class Joints:
             the offsets out.
         velocities: (N, n) rad/s; with them one clock offset is solved for.
         clock_std_s: Its standard deviation before the data speak.
+        offset_covariance: (n, n) rad^2 in place of `offset_std_deg`, where more is known.
     """
 
     arm: Arm
@@ -74,6 +92,13 @@ class Joints:
     offset_std_deg: float = 0.5
     velocities: ArrayLike | None = None
     clock_std_s: float = 0.1
+    offset_covariance: Array | None = None
+
+    @property
+    def n_offsets(self) -> int:
+        """How many joint offsets are solved for."""
+        asked = self.offset_std_deg > 0 or self.offset_covariance is not None
+        return len(self.arm.joint_names) if asked else 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +150,34 @@ class Problem:
             )
         return Problem(self.A[keep], self.T[keep], self.prior, joints)
 
+    @cached_property
+    def prior_covariance(self) -> Array:
+        """(12 + extra, 12 + extra) before the data speak; the links' part is 0 without a prior.
+
+        A prior of the links and the joint offsets together wins over what is known of the offsets
+        alone.
+        """
+        offsets, clock = np.zeros((0, 0)), np.zeros(0)
+        if self.joints is not None:
+            n = self.joints.n_offsets
+            offsets = np.eye(n) * np.deg2rad(self.joints.offset_std_deg) ** 2
+            if self.joints.offset_covariance is not None:
+                offsets = self.joints.offset_covariance
+            if self.joints.velocities is not None:
+                clock = np.array([self.joints.clock_std_s**2])
+        end = LINKS + len(offsets)
+        result = np.zeros((end + len(clock),) * 2)
+        result[LINKS:end, LINKS:end] = offsets
+        result[end:, end:] = np.diag(clock)
+        if self.prior is not None:
+            known = self.prior.joint[:end, :end]
+            result[: len(known), : len(known)] = known
+        return result
+
     @property
     def extra_std(self) -> Array:
         """Prior standard deviations of the joint offsets and the clock offset."""
-        if self.joints is None:
-            return np.zeros(0)
-        offsets = np.full(len(self.joints.arm.joint_names), np.deg2rad(self.joints.offset_std_deg))
-        stds = offsets if self.joints.offset_std_deg > 0 else offsets[:0]
-        return np.append(stds, [] if self.joints.velocities is None else self.joints.clock_std_s)
+        return np.asarray(np.sqrt(np.diag(self.prior_covariance)[LINKS:]))
 
     def start(self, X: Array, Z: Array) -> State:
         """State with the given links and no joint or clock offset."""
@@ -143,7 +188,7 @@ class Problem:
         if self.joints is None or not len(state.extra):
             return self.A, np.zeros((len(self.A), 6, 0))
         arm, q = self.joints.arm, self.joints.arm.with_offsets(self.joints.positions)
-        n = len(arm.joint_names) if self.joints.offset_std_deg > 0 else 0
+        n = self.joints.n_offsets
         q = q + (state.extra[:n] if n else 0.0)
         velocities = self.joints.velocities
         if velocities is not None:
@@ -173,21 +218,17 @@ class Problem:
 
     def prior_rows(self, state: State) -> tuple[Array, Array]:
         """Whitened residuals of the priors and their Jacobian."""
-        size = 12 + len(state.extra)
-        rows, jacobians = [state.extra / self.extra_std], [np.zeros((len(state.extra), size))]
-        jacobians[0][:, 12:] = np.diag(1 / self.extra_std)
+        size = LINKS + len(state.extra)
+        twists, J = np.zeros(size), np.eye(size)
+        twists[LINKS:] = state.extra
         if self.prior is not None:
-            for start, T, measured, covariance in (
-                (0, state.X, self.prior.T_camera_effector, self.prior.covariance_camera_effector),
-                (6, state.Z, self.prior.T_base_lidar, self.prior.covariance_base_lidar),
-            ):
-                whiten = whitening(covariance)
-                twist, Jl = linearised_log_many((T @ se3.inverse(measured))[None])
-                J = np.zeros((6, size))
-                J[:, start : start + 6] = whiten @ Jl[0]
-                rows.append(whiten @ twist[0])
-                jacobians.append(J)
-        return np.concatenate(rows), np.concatenate(jacobians)
+            measured = np.array([self.prior.T_camera_effector, self.prior.T_base_lidar])
+            moved = np.array([state.X, state.Z]) @ se3.inverse(measured)
+            logs, (J[:6, :6], J[6:LINKS, 6:LINKS]) = linearised_log_many(moved)
+            twists[:LINKS] = logs.ravel()
+        known = slice(LINKS if self.prior is None else 0, size)
+        whiten = whitening(self.prior_covariance[known, known])
+        return whiten @ twists[known], whiten @ J[known]
 
 
 def whitening(covariance: Array) -> Array:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from lcdata.arm import Arm
 from lcdata.errors import SimulationError
 from lcdata.geometry import se3
-from lcdata.rig import Link, Rig
+from lcdata.rig import Rig
+from lcdata.rig_links import Link
 
 Array = NDArray[np.float64]
 
