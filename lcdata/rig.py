@@ -22,7 +22,7 @@ from pydantic import (
 from lcdata import yaml_file
 from lcdata.errors import GeometryError, RigError
 from lcdata.geometry.camera import Camera
-from lcdata.rig_joint_log import JointLog, JointLogSection
+from lcdata.rig_joint_log import JointLog
 from lcdata.rig_links import LINKS, Link, LinksCovariance, NotNegative, Section
 
 if TYPE_CHECKING:
