@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from lcdata.simulation.bag import FORMATS, IMAGE_FORMATS, Bag, bag_path
 from lcdata.simulation.lidar import COLUMNS, Ouster
 from lcdata.simulation.mounts import default_rig, joint_offsets
 from lcdata.simulation.scenes import SCENARIOS, scenario_rng
-from lcdata.simulation.schedule import JOINT_PERIOD_S, Schedule, clocks, plan
+from lcdata.simulation.schedule import JOINT_PERIOD_S, Clock, Schedule, clocks, plan
 from lcdata.simulation.truth import check_same_tower, write_rig, write_truth
 from lcdata.simulation.world import World
 
@@ -35,6 +36,8 @@ _WHITE_NOISE = 0.2
 _COUNT_RAD = 2 * np.pi / 2**18
 _EPOCH_NS = 1_790_000_000 * 10**9
 _CLOCKS = 6
+_ON_THE_WAY = 10_000
+"""Number of the first image without a scan, far from those of pairs."""
 
 
 def simulate(
@@ -53,6 +56,8 @@ def simulate(
     height: int = 720,
     rig: Path | Rig | None = None,
     joint_offset_std_deg: float = 0.0,
+    clock_offset_s: float = 0.0,
+    motion_hz: float = 0.0,
     force: bool = False,
     progress: Progress | None = None,
 ) -> list[Path]:
@@ -77,6 +82,10 @@ def simulate(
         rig: Hand-measured rig to simulate, or its file; a built-in one for None.
         joint_offset_std_deg: Deviation of the joints' constant zero-point errors; the built-in
             rig states it (`arm.joint_offset_std_deg`), the errors themselves it does not know.
+        clock_offset_s: Added to the arm's stamps, beside the few milliseconds that every clock is
+            off; truth.json has the arm's clock minus the camera's of each recording.
+        motion_hz: Rate at which images are recorded while the arm moves, 15 at most; 0 for none
+            but those of the shots.
         force: Replace recordings that exist.
         progress: Called with the scenario, shots done and shots in all.
 
@@ -108,10 +117,11 @@ def simulate(
     try:
         out.mkdir(parents=True, exist_ok=True)
         for world, path in zip(worlds, paths, strict=True):
-            schedule = _schedule(world, poses, pairs)
+            schedule = _schedule(world, poses, pairs, motion_hz)
             messages = _messages(
                 world,
                 schedule,
+                clock_offset_s,
                 Ouster(columns, azimuth_window_deg),
                 cameras.zed2i(width, height),
                 offsets,
@@ -119,7 +129,9 @@ def simulate(
                 progress,
             )
             _write(path, format, messages)
-            write_truth(out, world, schedule.positions, offsets)
+            _, _, (_, camera_clock, arm_clock) = _start(world, clock_offset_s)
+            difference = arm_clock.offset_s - camera_clock.offset_s
+            write_truth(out, world, schedule.positions, offsets, difference)
             write_rig(out, measured)
     except OSError as error:
         raise SimulationError(
@@ -156,14 +168,25 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _schedule(world: World, poses: int, pairs: int) -> Schedule:
+def _schedule(world: World, poses: int, pairs: int, motion_hz: float) -> Schedule:
     positions = np.array([world.pose(k) for k in range(poses)])
-    return plan(positions, pairs, scenario_rng(world.seed, world.scenario, _CLOCKS, 0))
+    return plan(positions, pairs, scenario_rng(world.seed, world.scenario, _CLOCKS, 0), motion_hz)
+
+
+def _start(
+    world: World, clock_offset_s: float
+) -> tuple[np.random.Generator, int, tuple[Clock, Clock, Clock]]:
+    """Chance from then on, when the recording starts, clocks of LiDAR, camera and arm."""
+    rng = scenario_rng(world.seed, world.scenario, _CLOCKS, 1)
+    start_ns = _EPOCH_NS + int(rng.integers(10**6)) * 10**9 + int(rng.integers(10**9))
+    lidar, camera, arm = clocks(rng)
+    return rng, start_ns, (lidar, camera, replace(arm, offset_s=arm.offset_s + clock_offset_s))
 
 
 def _messages(
     world: World,
     schedule: Schedule,
+    clock_offset_s: float,
     lidar: Ouster,
     lens: Camera,
     offsets: Array,
@@ -171,16 +194,15 @@ def _messages(
     progress: Progress | None,
 ) -> Iterator[tuple[int, Callable[[Bag], None]]]:
     """What reaches the recorder, in the order in which it does; sensors run as it is read."""
-    rng = scenario_rng(world.seed, world.scenario, _CLOCKS, 1)
-    start_ns = _EPOCH_NS + int(rng.integers(10**6)) * 10**9 + int(rng.integers(10**9))
-    lidar_clock, camera_clock, arm_clock = clocks(rng)
-    shots = schedule.shots
+    rng, start_ns, (lidar_clock, camera_clock, arm_clock) = _start(world, clock_offset_s)
+    shots, frames = schedule.shots, schedule.frames
     scan_ns, scan_bag = lidar_clock.stamps(start_ns, np.array([s.scan_s for s in shots]), rng)
     image_ns, image_bag = camera_clock.stamps(start_ns, np.array([s.image_s for s in shots]), rng)
     times = np.arange(0.0, schedule.end_s, JOINT_PERIOD_S)
     times = times + rng.uniform(0, 3e-4, len(times))
     joint_ns, joint_bag = arm_clock.stamps(start_ns, times, rng)
     readings = _encoders(world, schedule, times, offsets, rng)
+    frame_ns, frame_bag = camera_clock.stamps(start_ns, np.array([t for t, _ in frames]), rng)
     order = _NAMES_ORDER if len(world.arm.joint_names) == 6 else (None, *range(readings.shape[1]))
     joint_names = [FINGER if k is None else world.arm.joint_names[k] for k in order]
     finger = np.full((len(times), 1), 0.41)
@@ -211,11 +233,23 @@ def _messages(
 
         return write
 
+    def frame(k: int) -> Callable[[Bag], None]:
+        def write(bag: Bag) -> None:
+            (time, pose), stamp, received = frames[k], int(frame_ns[k]), int(frame_bag[k])
+            there = schedule.blend(schedule.positions, np.array([time]))[0]
+            scene = around(pose, _ON_THE_WAY)
+            picture = world.picture(scene, lens, there, pose, _ON_THE_WAY + k)
+            bag.image(stamp, received, picture, *image)
+            bag.camera_info(stamp, received, lens)
+
+        return write
+
     def joints(k: int) -> Callable[[Bag], None]:
         return lambda bag: bag.joints(int(joint_ns[k]), int(joint_bag[k]), joint_names, readings[k])
 
     events = [(int(scan_bag[k]), cloud(k)) for k in range(len(shots))]
     events += [(int(image_bag[k]), picture(k)) for k in range(len(shots))]
+    events += [(int(frame_bag[k]), frame(k)) for k in range(len(frames))]
     events += [(int(joint_bag[k]), joints(k)) for k in range(len(times))]
     yield start_ns, lambda bag: bag.static_transforms(start_ns, start_ns)
     yield from sorted(events, key=lambda event: event[0])

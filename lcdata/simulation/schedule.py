@@ -20,6 +20,8 @@ _SPACING_S = 0.2
 _WAYS = 4
 """On the first way and every fourth after it, a shot is taken that no reader must use."""
 _FASTEST_RAD_S = 1.3
+_AROUND_S = 0.2
+"""Images of a motion begin so long before it and end so long after."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,13 @@ class Schedule:
         positions: (P, n) true joint positions of the poses, radians.
         dwells: (P, 2) start and end of each, seconds.
         shots: In the order of time.
+        frames: Images without a scan as the arm moves: true time and the pose it leaves.
     """
 
     positions: Array
     dwells: Array
     shots: tuple[Shot, ...]
+    frames: tuple[tuple[float, int], ...] = ()
 
     @property
     def end_s(self) -> float:
@@ -79,7 +83,9 @@ class Schedule:
         return out
 
 
-def plan(positions: Array, pairs: int, rng: np.random.Generator) -> Schedule:
+def plan(
+    positions: Array, pairs: int, rng: np.random.Generator, motion_hz: float = 0.0
+) -> Schedule:
     """Dwell at each pose for `pairs` shots, take one more on some of the ways.
 
     The sensors run at their own rates; of their scans and images only those of the shots are
@@ -89,6 +95,7 @@ def plan(positions: Array, pairs: int, rng: np.random.Generator) -> Schedule:
         positions: (P, n) radians.
         pairs: Shots in each dwell.
         rng: Phases of the sensors and how long the arm lingers.
+        motion_hz: Rate at which images are recorded while the arm moves, the camera's or less.
     """
     lidar_phase, camera_phase = rng.uniform(0, [LIDAR_PERIOD_S, CAMERA_PERIOD_S])
 
@@ -109,7 +116,14 @@ def plan(positions: Array, pairs: int, rng: np.random.Generator) -> Schedule:
             if pose % _WAYS == 0:
                 shots.append(shot(now + duration / 2, pose, pairs, moving=True))
             now += duration
-    return Schedule(positions, np.array(dwells), tuple(shots))
+    frames: list[tuple[float, int]] = []
+    for pose in range(len(positions) - 1 if motion_hz > 0 else 0):
+        begin, end = dwells[pose][1] - _AROUND_S, dwells[pose + 1][0] + _AROUND_S
+        step = CAMERA_PERIOD_S * max(1, round(1 / (motion_hz * CAMERA_PERIOD_S)))
+        first = camera_phase + step * np.ceil((begin - camera_phase) / step)
+        taken = {shot.image_s for shot in shots}
+        frames += [(t, pose) for t in np.arange(first, end, step).tolist() if t not in taken]
+    return Schedule(positions, np.array(dwells), tuple(shots), tuple(frames))
 
 
 @dataclass(frozen=True)

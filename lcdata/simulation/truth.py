@@ -68,7 +68,9 @@ def read_truth(folder: Path) -> dict[str, Any] | None:
     return result
 
 
-def write_truth(folder: Path, world: World, positions: Array, offsets: Array) -> None:
+def write_truth(
+    folder: Path, world: World, positions: Array, offsets: Array, clock_offset_s: float
+) -> None:
     """Add a recording's poses to truth.json, replacing those of an older one of its name.
 
     Args:
@@ -76,6 +78,7 @@ def write_truth(folder: Path, world: World, positions: Array, offsets: Array) ->
         world: What was recorded.
         positions: (P, n) true joint positions of its poses, radians.
         offsets: (n,) zero-point errors of the joints, radians.
+        clock_offset_s: Clock of the arm minus clock of the camera as the recording begins.
     """
     old = read_truth(folder) or {"poses": {}}
     prefix = f"{world.scenario}/"
@@ -91,6 +94,7 @@ def write_truth(folder: Path, world: World, positions: Array, offsets: Array) ->
         "T_camera_effector": world.mounts.T_camera_effector.tolist(),
         "T_base_lidar": world.mounts.T_base_lidar.tolist(),
         "joint_offsets_rad": offsets.tolist(),
+        "clock_offset_s": old.get("clock_offset_s", {}) | {world.scenario: clock_offset_s},
         "poses": dict(sorted(poses.items())),
     }
     _replace(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
