@@ -40,8 +40,9 @@ def handeye(
     The data set stays as it is: `lcdata groundtruth DATASET --rig FILE` applies a refined rig.
     """
     from lcdata.dataset import Dataset
-    from lcdata.evaluation.handeye import describe, refine
+    from lcdata.evaluation.handeye import refine
     from lcdata.evaluation.refined_rig import check_target, write_refined_rig
+    from lcdata.evaluation.refinement import describe
 
     opened = Dataset.open(dataset)
     if write_rig is not None:

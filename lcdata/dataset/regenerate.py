@@ -26,6 +26,7 @@ from lcdata.geometry import se3
 from lcdata.groundtruth.budget import Variances, variances
 from lcdata.groundtruth.chain import PoseTruth, arm_truths, static_truth
 from lcdata.rig import Rig, load_rig
+from lcdata.rig_links import LINKS
 
 OF_THE_PAIRS = ("topics", "pairing", "dwells", "stamps", "point_time")
 """Parts of a rig that chose the pairs, which stay as they are."""
@@ -36,6 +37,7 @@ OF_THE_TRUTH = (
     "T_camera_effector",
     "T_base_lidar",
     "T_camera_lidar",
+    "links_covariance",
     "clock_offset_std_s",
 )
 
@@ -267,6 +269,11 @@ def _merged(
         content |= {k: v for k, v in new.items() if k in OF_THE_TRUTH}
         ignored = [name for name in OF_THE_PAIRS if stored.get(name) != new.get(name)]
     if arm_offsets is not None:
+        if len(content.get("links_covariance", ())) > LINKS:
+            raise RigError(
+                "the rig's links_covariance is of links refined with its own joint offsets",
+                "leave --arm-offsets out, or refine again with those offsets",
+            )
         content["arm"] = content["arm"] | {"joint_offsets": Path(arm_offsets).name}
     return Rig.from_dict(content), tuple(ignored)
 

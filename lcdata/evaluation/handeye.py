@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,13 @@ from lcdata.arm import Arm
 from lcdata.dataset import Dataset
 from lcdata.dataset.schema import PoseRecord
 from lcdata.errors import GroundTruthError
+from lcdata.evaluation.refinement import Refinement
 from lcdata.evaluation.results import TrialResult, read_results
 from lcdata.geometry import se3
+from lcdata.groundtruth.chain import offset_covariance
 from lcdata.groundtruth.handeye import HandEye, Joints, Prior, solve
 from lcdata.groundtruth.twists import adjoint_many
+from lcdata.rig_links import LINKS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -46,66 +48,6 @@ class Estimates:
         return int(np.isfinite(self.T[:, 0, 0]).sum())
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement:
-    """Refined links of a data set's tower.
-
-    Args:
-        dataset: The data set; nothing in it is changed.
-        source: Method whose estimates were used, or "lines" (`--direct`).
-        arm: The arm that the data set was made with.
-        poses: Its poses, in the order of `found`'s residuals.
-        found: The solution.
-        encoders: (N, 6, 6) what encoder noise adds to each pose, in the camera frame.
-    """
-
-    dataset: Dataset
-    source: str
-    arm: Arm
-    poses: tuple[PoseRecord, ...]
-    found: HandEye
-    encoders: Array
-
-    @property
-    def refined_arm(self) -> Arm:
-        """The arm with the joint offsets that were found added to those it had."""
-        if not len(self.found.joint_offsets):
-            return self.arm
-        total = self.arm.with_offsets(self.found.joint_offsets[None])[0]
-        named = zip(self.arm.joint_names, total, strict=True)
-        return replace(self.arm, joint_offsets={name: float(x) for name, x in named})
-
-    def extrinsics(self) -> Array:
-        """(N, 4, 4) refined T_camera_lidar of the poses."""
-        positions = np.array([pose.joint_positions for pose in self.poses])
-        forward = self.refined_arm.chain().forward(self.refined_arm.with_offsets(positions))
-        return self.found.extrinsic(se3.inverse(forward))
-
-    def covariances(self) -> Array:
-        """(N, 6, 6) of the refined extrinsics: links, joints' zero points and encoder noise."""
-        A = np.array([pose.T_effector_base for pose in self.poses])
-        X, covariance = self.found.T_camera_effector, self.found.full_covariance
-        parts = [np.broadcast_to(np.eye(6), (len(A), 6, 6)), adjoint_many(X @ A)]
-        if len(self.found.joint_offsets):
-            positions = np.array([pose.joint_positions for pose in self.poses])
-            _, J = self.refined_arm.chain().jacobians(self.refined_arm.with_offsets(positions))
-            parts.append(-se3.adjoint(X) @ J)
-            unsolved = np.zeros((6, 6))
-        else:
-            unsolved = np.array(
-                [p.budget.get("joint_offsets", np.zeros((6, 6))) for p in self.poses]
-            )
-        C = np.concatenate(parts, axis=2)
-        n = C.shape[2]
-        return C @ covariance[:n, :n] @ np.swapaxes(C, 1, 2) + self.encoders + unsolved
-
-    def sigma(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Root mean square (mm, deg) that the ground truth's covariance predicts: now, refined."""
-        return _sigma(np.array([pose.covariance for pose in self.poses])), _sigma(
-            self.covariances()
-        )
-
-
 def refine(
     dataset: Dataset,
     *,
@@ -121,13 +63,15 @@ def refine(
         dataset: Data set with an arm.
         method: Whose estimates to use; the one with most poses for None.
         run: Of which run; all runs for None.
-        joint_offsets: Solve for the joints' zero points as well.
+        joint_offsets: Solve for the joints' zero points as well; always done where the rig's
+            `links_covariance` holds them.
         direct: Go on from the estimates to the lines of all pairs in one problem. Without any
             stored results that starts from the hand measurement.
         progress: Called with stage, pairs done and pairs in all.
 
     Raises:
-        GroundTruthError: No arm, no estimates, too few poses, or poses all alike.
+        GroundTruthError: No arm, no estimates, too few poses, poses all alike, or joint offsets
+            that are known exactly.
         ArmError: The arm model cannot be found.
         DatasetError: It is another one by now.
     """
@@ -141,13 +85,14 @@ def refine(
     A = np.array([pose.T_effector_base for pose in poses])
     prior = hand_measured(dataset)
     encoders = encoder_covariances(dataset, arm, poses)
-    joints = _joints(dataset, arm, poses) if joint_offsets else None
+    together = len(dataset.rig.covariance_of_links()) > LINKS
+    joints = _joints(dataset, arm, poses) if joint_offsets or together else None
     estimates = gather(dataset, poses, method, run)
     if direct:
         from lcdata.evaluation.handeye_direct import solve_lines
 
         found = solve_lines(dataset, poses, A, estimates, prior, joints, encoders, progress)
-        return Refinement(dataset, "lines", arm, poses, found, encoders)
+        return Refinement(dataset, "lines", arm, poses, found)
     if estimates is None:
         raise GroundTruthError(
             f"{dataset.path} has no stored estimates"
@@ -155,14 +100,8 @@ def refine(
             + (f" in run {run}" if run else ""),
             "run `lcdata calibrate` first, or --direct from the lines",
         )
-    return Refinement(
-        dataset,
-        estimates.method,
-        arm,
-        poses,
-        solve_estimates(A, estimates, prior, joints, encoders),
-        encoders,
-    )
+    found = solve_estimates(A, estimates, prior, joints, encoders)
+    return Refinement(dataset, estimates.method, arm, poses, found)
 
 
 def solve_estimates(
@@ -223,8 +162,7 @@ def _middle(trials: Sequence[TrialResult]) -> tuple[Array, Array]:
 def hand_measured(dataset: Dataset) -> Prior | None:
     """The rig's links; None if they have no standard deviations."""
     prior = Prior.of_rig(dataset.rig)
-    known = np.isfinite(prior.covariance_camera_effector).all()
-    return prior if known and np.isfinite(prior.covariance_base_lidar).all() else None
+    return prior if np.isfinite(prior.joint).all() else None
 
 
 def encoder_covariances(dataset: Dataset, arm: Arm, poses: Sequence[PoseRecord]) -> Array:
@@ -239,66 +177,14 @@ def encoder_covariances(dataset: Dataset, arm: Arm, poses: Sequence[PoseRecord])
 
 
 def _joints(dataset: Dataset, arm: Arm, poses: Sequence[PoseRecord]) -> Joints:
-    std = dataset.rig.arm.joint_offset_std_deg or Joints.offset_std_deg
-    return Joints(arm, np.array([pose.joint_positions for pose in poses]), std)
-
-
-def _sigma(covariances: Array) -> tuple[float, float]:
-    variances = np.einsum("nii->ni", covariances)
-    metres, radians = (
-        float(np.sqrt(variances[:, part].sum(axis=1).mean())) for part in (slice(3), slice(3, 6))
-    )
-    return 1e3 * metres, float(np.rad2deg(radians))
-
-
-def describe(refinement: Refinement) -> dict[str, Any]:
-    """A refinement as plain values."""
-    found, rig = refinement.found, refinement.dataset.rig
-    std = np.sqrt(np.diag(found.covariance))
-    links: dict[str, Any] = {}
-    for name, T, measured, part in (
-        ("T_camera_effector", found.T_camera_effector, rig.T_camera_effector, std[:6]),
-        ("T_base_lidar", found.T_base_lidar, rig.T_base_lidar, std[6:]),
-    ):
-        if measured is not None:
-            links[name] = {
-                "matrix": T.tolist(),
-                "translation_std_m": part[:3].tolist(),
-                "rotation_std_deg": np.rad2deg(part[3:]).tolist(),
-                "moved_mm": 1e3 * se3.translation_error(T, measured.T),
-                "moved_deg": float(np.rad2deg(se3.rotation_error(T, measured.T))),
-            }
-    ids = [pose.pose_id for pose in refinement.poses]
-    rows = zip(
-        ids,
-        found.residuals.mm,
-        found.residuals.deg,
-        found.left_out.mm,
-        found.left_out.deg,
-        strict=True,
-    )
-    names = ("pose_id", "mm", "deg", "left_out_mm", "left_out_deg")
-    now, refined = refinement.sigma()
-    joint_names = refinement.arm.joint_names if len(found.joint_offsets) else ()
-    return {
-        "dataset": str(refinement.dataset.path),
-        "source": refinement.source,
-        "poses": len(ids),
-        **links,
-        "covariance": found.covariance.tolist(),
-        "groundtruth_sigma": {"mm": now[0], "deg": now[1]},
-        "refined_sigma": {"mm": refined[0], "deg": refined[1]},
-        "residuals": [dict(zip(names, row, strict=True)) for row in rows],
-        "outliers": [ids[i] for i in found.outliers],
-        "failed": [ids[i] for i in found.failed],
-        "scale": found.scale,
-        "observable": found.observable,
-        "singular_value_ratio": found.singular_value_ratio,
-        "unobservable": list(found.unobservable),
-        "joint_offsets_deg": dict(
-            zip(joint_names, np.rad2deg(found.joint_offsets).tolist(), strict=True)
-        ),
-        "joint_offsets_std_deg": dict(
-            zip(joint_names, np.rad2deg(found.joint_offsets_std).tolist(), strict=True)
-        ),
-    }
+    known = offset_covariance(dataset.rig, arm)
+    links = dataset.rig.covariance_of_links()
+    if len(links) > LINKS:
+        known = links[LINKS:, LINKS:]
+    if not known.any():
+        raise GroundTruthError(
+            "the joint offsets are known exactly: the rig's joint_offset_std_deg is 0",
+            "leave --joint-offsets out, or say in the rig how far they may be off",
+        )
+    positions = np.array([pose.joint_positions for pose in poses])
+    return Joints(arm, positions, offset_covariance=known)

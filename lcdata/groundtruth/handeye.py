@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcdata.errors import GroundTruthError
 from lcdata.geometry import se3
 from lcdata.groundtruth.handeye_input import checked, closed_form
-from lcdata.groundtruth.handeye_problem import Joints, Prior, Problem, State
+from lcdata.groundtruth.handeye_problem import STD_FLOOR, Joints, Prior, Problem, State
 from lcdata.groundtruth.handeye_robust import Fit, fit
 from lcdata.groundtruth.observability import Observability, observability
 from lcdata.groundtruth.twists import adjoint_many
@@ -175,7 +175,7 @@ def _result(
     std = np.sqrt(np.diag(found.covariance)[12:])
     names = list(seen.names())
     for k, (before, after) in enumerate(zip(problem.extra_std, std, strict=True)):
-        if after > 0.9 * before and problem.joints is not None:
+        if after > 0.9 * before > STD_FLOOR and problem.joints is not None:
             what = f"offset of {problem.joints.arm.joint_names[k]}" if k < n else "clock offset"
             names.append(f"{what}: the estimates say next to nothing about it")
     predicted = problem.predict(state)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcdata.errors import GeometryError, GroundTruthError
 from lcdata.geometry import se3
-from lcdata.groundtruth.handeye_problem import Joints, Prior, Problem
+from lcdata.groundtruth.handeye_problem import STD_FLOOR, Joints, Prior, Problem
 from lcdata.rig_links import LINKS
 
 Array = NDArray[np.float64]
-
-STD_FLOOR = 1e-6
-"""Metres and radians: a link that is called exact is known to so much."""
 
 SAME_ARM = 1e-4
 """How far (m and rad) T_effector_base may be from the forward kinematics of the joints."""
@@ -78,7 +75,7 @@ def checked(
     A = _rigid(A, "T_effector_base", np.arange(count))
     T = _rigid(T[used], "T_camera_lidar", used)
     if joints is not None:
-        joints = _checked_joints(joints, A, prior)
+        _check_joints(joints, A, prior)
     problem = Problem(A, A, _prior(prior), joints).subset(used)
     problem = Problem(problem.A, T, problem.prior, problem.joints)
     return Checked(problem, Weights(W.covariances[used], W.absolute), used, failed)
@@ -177,20 +174,13 @@ def _prior(prior: Prior | None) -> Prior | None:
                 f"the prior of {name} has no standard deviations",
                 "give translation_std_m and rotation_std_deg in the rig",
             )
-    C = _floored(C, "covariance of the prior")
+    _check_covariance(C + STD_FLOOR**2 * np.eye(len(C)), "covariance of the prior")
     X = se3.check_transform(prior.T_camera_effector, "prior T_camera_effector")
     Z = se3.check_transform(prior.T_base_lidar, "prior T_base_lidar")
     return Prior(X, Z, C[:6, :6], C[6:LINKS, 6:LINKS], C)
 
 
-def _floored(C: Array, name: str) -> Array:
-    """What is called exact, or in exact proportion to others, is known to `STD_FLOOR`."""
-    C = C + STD_FLOOR**2 * np.eye(len(C))
-    _check_covariance(C, name)
-    return C
-
-
-def _checked_joints(joints: Joints, A: Array, prior: Prior | None) -> Joints:
+def _check_joints(joints: Joints, A: Array, prior: Prior | None) -> None:
     q = joints.arm.with_offsets(joints.positions)
     if len(q) != len(A):
         raise GroundTruthError(
@@ -215,11 +205,10 @@ def _checked_joints(joints: Joints, A: Array, prior: Prior | None) -> Joints:
             f"the prior is of {known - LINKS} joint offsets, the arm has {n} joints",
             "give the covariance of this arm",
         )
-    if joints.offset_covariance is None:
-        return joints
-    C = np.asarray(joints.offset_covariance, float)
-    if C.shape != (n, n) or not np.isfinite(C).all():
-        raise GroundTruthError(
-            f"the covariance of the joint offsets has shape {C.shape}", f"give ({n}, {n}) rad^2"
-        )
-    return replace(joints, offset_covariance=_floored(C, "covariance of the joint offsets"))
+    if joints.offset_covariance is not None:
+        C = np.asarray(joints.offset_covariance, float)
+        if C.shape != (n, n) or not np.isfinite(C).all():
+            raise GroundTruthError(
+                f"the joint offsets' covariance has shape {C.shape}", f"give ({n}, {n}) in rad^2"
+            )
+        _check_covariance(C + STD_FLOOR**2 * np.eye(n), "covariance of the joint offsets")

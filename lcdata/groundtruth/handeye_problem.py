@@ -28,6 +28,9 @@ from lcdata.rig_links import LINKS
 
 Array = NDArray[np.float64]
 
+STD_FLOOR = 1e-6
+"""Metres and radians: what is called exact is known to so much."""
+
 
 @dataclass(frozen=True, eq=False)
 class Prior:
@@ -172,7 +175,7 @@ class Problem:
         if self.prior is not None:
             known = self.prior.joint[:end, :end]
             result[: len(known), : len(known)] = known
-        return result
+        return result + STD_FLOOR**2 * np.eye(len(result))
 
     @property
     def extra_std(self) -> Array:

@@ -10,15 +10,13 @@ import handeye_dataset
 import numpy as np
 import pytest
 
-from lcdata.arm import read_joint_offsets
 from lcdata.dataset import schema
 from lcdata.dataset.atomic import write_json
-from lcdata.errors import DatasetError, GroundTruthError, RigError
-from lcdata.evaluation.handeye import describe, gather, refine
-from lcdata.evaluation.refined_rig import check_target, offsets_path, write_refined_rig
+from lcdata.errors import DatasetError, GroundTruthError
+from lcdata.evaluation.handeye import gather, refine
+from lcdata.evaluation.refinement import describe
 from lcdata.evaluation.results import read_run, results_path, write_run
 from lcdata.geometry import se3
-from lcdata.rig import load_rig
 
 
 @pytest.fixture
@@ -94,39 +92,11 @@ def test_a_method_without_covariances_counts_all_poses_alike(dataset):
     assert (off(refine(dataset).extrinsics(), true) < before / 2).all()
 
 
-def test_joint_offsets_go_into_the_rig_with_the_links(dataset, tmp_path):
-    found = refine(dataset, joint_offsets=True)
-    path = tmp_path / "refined.yaml"
-    write_refined_rig(found, path)
-    rig = load_rig(path)
-    np.testing.assert_allclose(rig.T_camera_effector.T, found.found.T_camera_effector, atol=1e-6)
-    std = np.sqrt(np.diag(found.found.covariance))
-    np.testing.assert_allclose(np.sqrt(np.diag(rig.T_base_lidar.covariance)), std[6:], rtol=1e-2)
-    offsets = read_joint_offsets(offsets_path(path))
-    assert set(offsets) == set(found.arm.joint_names)
-    refined = rig.load_arm()
-    np.testing.assert_allclose(
-        [refined.joint_offsets[name] for name in found.arm.joint_names],
-        found.found.joint_offsets,
-        atol=1e-6,
-    )
-    np.testing.assert_allclose(
-        refined.offset_covariance, found.found.full_covariance[12:, 12:], rtol=1e-4
-    )
-
-
-def test_a_rig_file_is_not_replaced_unasked(tmp_path):
-    path = tmp_path / "refined.yaml"
-    check_target(path, force=False)
-    offsets_path(path).touch()
-    with pytest.raises(RigError, match="refined_joint_offsets"):
-        check_target(path, force=False)
-    check_target(path, force=True)
-
-
-def test_what_cannot_be_refined_is_named(dataset, tmp_path):
+def test_what_cannot_be_refined_is_named(dataset):
     with pytest.raises(GroundTruthError, match="no stored estimates of plk"):
         refine(dataset, method="plk")
+    with pytest.raises(GroundTruthError, match="joint_offset_std_deg is 0"):
+        refine(dataset, joint_offsets=True)
     path = results_path(dataset, "projection")
     trials = read_run(path).trials
     write_run(path, [replace(t, converged=False) for t in trials])
