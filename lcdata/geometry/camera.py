@@ -4,30 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcdata.errors import GeometryError
+from lcdata.geometry import camera_formulas as formulas
+from lcdata.geometry.camera_models import check, radial_profile
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-MODELS: dict[str, tuple[int, ...]] = {
-    "pinhole": (0, 4, 5, 8, 12, 14),
-    "fisheye": (0, 4),
-}
-"""Model names, and how many distortion coefficients each may have (OpenCV's order)."""
 
-ROS_MODELS = {
-    "plumb_bob": ("pinhole", (4, 5)),
-    "rational_polynomial": ("pinhole", (8, 12, 14)),
-    "equidistant": ("fisheye", (4,)),
-    "fisheye": ("fisheye", (4,)),
-    "": ("pinhole", (0, 4, 5)),
-    "none": ("pinhole", (0,)),
-}
-"""`sensor_msgs/CameraInfo.distortion_model` to our model and its numbers of coefficients."""
+_BLOCK = 8192
+"""Points projected at a time, so that what is in between stays in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -36,46 +28,31 @@ class Camera:
 
     Args:
         model: `"pinhole"` (plumb_bob with 4 or 5 coefficients k1 k2 p1 p2 k3, rational
-            polynomial with 8, 12 or 14) or `"fisheye"` (equidistant, Kannala-Brandt, 4).
+            polynomial with 8, with thin prisms 12, tilted 14), `"fisheye"` (equidistant,
+            Kannala-Brandt, 4), `"atan"` (field of view, 1: w in radians), `"omni"` (unified,
+            Mei, 4: k1 k2 p1 p2) or `"equirectangular"` (none).
         width: Image width in pixels.
         height: Image height in pixels.
-        intrinsics: fx, fy, cx, cy in pixels; pixel centres have integer coordinates.
+        intrinsics: fx, fy, cx, cy in pixels, of `omni` xi before them; of `equirectangular` the
+            image's width and height, or nothing. Pixel centres have integer coordinates.
         distortion: Coefficients in OpenCV's order; empty for none.
 
     Raises:
-        GeometryError: Unknown model, wrong number of parameters, values that are not finite.
+        GeometryError: Unknown model, wrong number of parameters, impossible values.
     """
 
     model: str
     width: int
     height: int
-    intrinsics: tuple[float, float, float, float]
+    intrinsics: tuple[float, ...] = ()
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.model == "equirectangular" and not len(self.intrinsics):
+            object.__setattr__(self, "intrinsics", (self.width, self.height))
         object.__setattr__(self, "intrinsics", tuple(float(v) for v in self.intrinsics))
         object.__setattr__(self, "distortion", tuple(float(v) for v in self.distortion))
-        if self.model not in MODELS:
-            raise GeometryError(
-                f"unknown camera model {self.model!r}", f"use one of {', '.join(MODELS)}"
-            )
-        if len(self.intrinsics) != 4:
-            raise GeometryError(
-                f"camera intrinsics have {len(self.intrinsics)} values", "give fx fy cx cy"
-            )
-        if len(self.distortion) not in MODELS[self.model]:
-            raise GeometryError(
-                f"{self.model} camera with {len(self.distortion)} distortion coefficients",
-                f"give {', '.join(map(str, MODELS[self.model]))}",
-            )
-        if not np.isfinite([*self.intrinsics, *self.distortion]).all():
-            raise GeometryError("camera parameters are not finite")
-        if min(self.intrinsics[:2]) <= 0 or self.width <= 0 or self.height <= 0:
-            raise GeometryError(
-                f"camera with focal lengths {self.intrinsics[:2]} px and size "
-                f"{self.width}x{self.height}",
-                "all must be positive",
-            )
+        check(self)
 
     @classmethod
     def from_ros(
@@ -84,36 +61,61 @@ class Camera:
         """Camera of a `sensor_msgs/CameraInfo`.
 
         Args:
-            distortion_model: plumb_bob, rational_polynomial, equidistant.
+            distortion_model: plumb_bob, rational_polynomial, equidistant, fov, omnidirectional
+                and what else drivers call them.
             width: Image width in pixels.
             height: Image height in pixels.
             k: (9,) row-major intrinsic matrix.
-            d: Distortion coefficients.
+            d: Distortion coefficients; of `omnidirectional` k1 k2 p1 p2 and then xi.
+
+        Raises:
+            GeometryError: Unknown model, wrong number of values, a camera never calibrated.
         """
-        if distortion_model not in ROS_MODELS:
-            raise GeometryError(
-                f"unknown distortion model {distortion_model!r}",
-                f"known are {', '.join(name for name in ROS_MODELS if name)}",
-            )
-        model, counts = ROS_MODELS[distortion_model]
-        matrix = np.asarray(k, float).reshape(-1)
-        coefficients = np.asarray(d, float).reshape(-1)
-        if matrix.shape != (9,):
-            raise GeometryError(f"CameraInfo has {matrix.size} values in K", "it must have 9")
-        if not coefficients.any():
-            coefficients = coefficients[:0]
-        elif coefficients.size not in counts:
-            raise GeometryError(
-                f"CameraInfo with {distortion_model} and {coefficients.size} coefficients",
-                f"give {', '.join(map(str, counts))}",
-            )
-        fx, fy, cx, cy = matrix[[0, 4, 2, 5]]
-        return cls(model, int(width), int(height), (fx, fy, cx, cy), tuple(coefficients))
+        from lcdata.geometry.camera_files import camera_of_info
+
+        return camera_of_info(distortion_model, width, height, k, d)
+
+    @classmethod
+    def from_kalibr(cls, path: str | Path, cam: str = "cam0") -> Camera:
+        """Camera of a Kalibr camchain YAML file.
+
+        Args:
+            path: The file.
+            cam: Which of its cameras.
+
+        Raises:
+            GeometryError: Damaged file, no such camera, or a model that lcdata does not have.
+        """
+        from lcdata.geometry.camera_files import read_kalibr
+
+        return read_kalibr(Path(path), cam)
+
+    @classmethod
+    def from_calib_json(cls, path: str | Path, size: tuple[int, int] | None = None) -> Camera:
+        """Camera of a calib.json of direct_visual_lidar_calibration.
+
+        Args:
+            path: The file.
+            size: Width and height of the images; from the first of them, beside the file, if
+                not given: the file does not say it.
+
+        Raises:
+            GeometryError: Damaged file, unknown model, or no image to take the size from.
+        """
+        from lcdata.geometry.camera_files import read_calib_json
+
+        return read_calib_json(Path(path), size)
 
     @cached_property
     def K(self) -> Array:
-        """3x3 intrinsic matrix."""
-        fx, fy, cx, cy = self.intrinsics
+        """3x3 intrinsic matrix.
+
+        Raises:
+            GeometryError: An equirectangular camera has none.
+        """
+        if self.model == "equirectangular":
+            raise GeometryError("an equirectangular camera has no intrinsic matrix")
+        fx, fy, cx, cy = self.intrinsics[-4:]
         return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
 
     @property
@@ -121,7 +123,13 @@ class Camera:
         """Whether an image must be undistorted before straight lines are straight."""
         return self.model != "pinhole" or any(self.distortion)
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    @cached_property
+    def pixels_per_radian(self) -> tuple[float, float]:
+        """Resolution in the middle of the picture, across and down; fx, fy of a pinhole."""
+        _, jacobian, _ = self.project_jacobian([[0.0, 0.0, 1.0]])
+        return float(jacobian[0, 0, 0]), float(jacobian[0, 1, 1])
+
+    def project(self, points: ArrayLike) -> tuple[Array, Mask]:
         """Project points.
 
         Args:
@@ -129,59 +137,86 @@ class Camera:
 
         Returns:
             (N, 2) pixels, NaN where a point cannot be projected, and (N,) mask of those that
-            lie in front of the camera and inside the image.
+            the camera sees (in front of it, if its lens does not see behind) inside the image.
         """
+        points = np.asarray(points, float).reshape(-1, 3)
+        if self.model == "pinhole":
+            pixels = self._project_pinhole(points)
+        else:
+            pixels, _ = self._by_formula(points)
+        return pixels, self.contains(pixels)
+
+    def project_jacobian(self, points: ArrayLike) -> tuple[Array, Array, Mask]:
+        """Project points, with derivatives.
+
+        Args:
+            points: (N, 3) in the camera frame, metres.
+
+        Returns:
+            (N, 2) pixels and (N,) mask as of `project`, between them the (N, 2, 3) derivatives
+            of pixel by point, pixels a metre, NaN where a point cannot be projected.
+        """
+        pixels, jacobian = self._by_formula(np.asarray(points, float).reshape(-1, 3))
+        return pixels, jacobian, self.contains(pixels)
+
+    def contains(self, pixels: Array) -> Mask:
+        """(N,) mask of the pixels (N, 2) that lie inside the image; NaN do not."""
+        u, v = pixels.T
+        low, right, bottom = -0.5, self.width - 0.5, self.height - 0.5
+        with np.errstate(invalid="ignore"):
+            return np.asarray((u >= low) & (u < right) & (v >= low) & (v < bottom))
+
+    def _by_formula(self, points: Array) -> tuple[Array, Array]:
+        """Pixels (N, 2) and derivatives (N, 2, 3), NaN where impossible."""
+        model, p = self.formula
+        pixels, jacobian = np.empty((len(points), 2)), np.empty((len(points), 2, 3))
+        with np.errstate(all="ignore"):
+            for start in range(0, len(points), _BLOCK):
+                block = slice(start, start + _BLOCK)
+                x, y, z = np.ascontiguousarray(points[block].T)
+                u, v, *slopes = formulas.FORMULAS[model](p, x, y, z)
+                impossible = ~formulas.can_project(model, p, x, y, z)
+                pixels[block, 0], pixels[block, 1] = u, v
+                jacobian[block] = np.stack(slopes, axis=-1).reshape(-1, 2, 3)
+                pixels[block][impossible] = np.nan
+                jacobian[block][impossible] = np.nan
+        return pixels, jacobian
+
+    @cached_property
+    def formula(self) -> tuple[int, Array]:
+        """Which of the formulas projects the camera's points, and the numbers that it takes."""
+        return formulas.model_id(self), formulas.parameters(self)
+
+    def _project_pinhole(self, points: Array) -> Array:
+        """Pixels (N, 2), NaN where impossible; with OpenCV, which needs no derivatives for it."""
         import cv2
 
-        points = np.asarray(points, float).reshape(-1, 3)
         pixels = np.full((len(points), 2), np.nan)
         with np.errstate(invalid="ignore"):
-            usable = points[:, 2] > 1e-6
+            usable = points[:, 2] > formulas.NEAR
         if usable.any():
             front = points[usable]
             zero = np.zeros(3)
-            D = np.array(self.distortion or (0.0,) * 4)
             if not self.is_distorted:
                 fx, fy, cx, cy = self.intrinsics
                 z = front[:, 2]
                 projected = np.stack([fx * front[:, 0] / z + cx, fy * front[:, 1] / z + cy], 1)
-            elif self.model == "fisheye":
-                projected = cv2.fisheye.projectPoints(front[:, None], zero, zero, self.K, D)[0][
-                    :, 0
-                ]
             else:
+                D = np.array(self.distortion)
                 projected = cv2.projectPoints(front, zero, zero, self.K, D)[0][:, 0]
-                projected[~self._inside_distortion_range(front)] = np.nan
+                radius = np.hypot(front[:, 0], front[:, 1]) / front[:, 2]
+                projected[~(radius <= self.distortion_limit)] = np.nan
             pixels[usable] = projected
-        with np.errstate(invalid="ignore"):
-            inside = (
-                (pixels[:, 0] >= -0.5)
-                & (pixels[:, 0] < self.width - 0.5)
-                & (pixels[:, 1] >= -0.5)
-                & (pixels[:, 1] < self.height - 0.5)
-            )
-        return pixels, inside
-
-    def _inside_distortion_range(self, points: Array) -> NDArray[np.bool_]:
-        """Whether points lie where the distortion polynomial is still monotonous.
-
-        Beyond it, far outside the field of view, a polynomial folds points back into the image.
-        """
-        radius = np.hypot(points[:, 0], points[:, 1]) / points[:, 2]
-        return np.asarray(radius <= self._largest_radius)
+        return pixels
 
     @cached_property
-    def _largest_radius(self) -> float:
-        """Largest normalised radius before the radial distortion turns back."""
-        k = np.zeros(14)
-        k[: len(self.distortion)] = self.distortion
-        r = np.linspace(0.0, 5.0, 2001)
-        r2 = r * r
-        distorted = (
-            r
-            * (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])))
-            / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
-        )
+    def distortion_limit(self) -> float:
+        """How far from the axis the radial distortion turns back, infinity if it never does.
+
+        Beyond it, far outside the field of view, a polynomial folds points back into the image.
+        The angle in radians for `fisheye`, the radius on the plane at depth 1 for others.
+        """
+        r, distorted = radial_profile(self)
         falling = np.flatnonzero(np.diff(distorted) <= 0)
         return float(r[falling[0]]) if falling.size else float("inf")
 
@@ -192,26 +227,31 @@ class Camera:
             pixels: (N, 2).
 
         Returns:
-            (N, 3) unit vectors in the camera frame.
+            (N, 3) unit vectors in the camera frame; NaN where the lens shows nothing.
         """
-        import cv2
+        from lcdata.geometry.bearings import bearings
 
-        pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
-        D = np.array(self.distortion or (0.0,) * 4)
-        if self.model == "fisheye":
-            xy = cv2.fisheye.undistortPoints(pixels, self.K, D)[:, 0]
-        elif self.is_distorted:
-            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
-            xy = cv2.undistortPointsIter(pixels, self.K, D, None, None, criteria)[:, 0]
-        else:
-            fx, fy, cx, cy = self.intrinsics
-            xy = (pixels[:, 0] - [cx, cy]) / [fx, fy]
-        bearings = np.column_stack([xy, np.ones(len(xy))])
-        return np.asarray(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+        return bearings(self, np.asarray(pixels, float).reshape(-1, 2))
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The camera of its image scaled to another size, in another aspect if need be."""
+        across, down = width / self.width, height / self.height
+        if self.model == "equirectangular":
+            return replace(self, width=width, height=height, intrinsics=())
+        *xi, fx, fy, cx, cy = self.intrinsics
+        centre = ((cx + 0.5) * across - 0.5, (cy + 0.5) * down - 0.5)
+        intrinsics = (*xi, fx * across, fy * down, *centre)
+        return replace(self, width=width, height=height, intrinsics=intrinsics)
 
     def undistorted(self) -> Camera:
-        """The pinhole camera without distortion that `undistort` makes images for."""
-        return replace(self, model="pinhole", distortion=())
+        """The pinhole camera without distortion that `undistort` makes images for.
+
+        Of a pinhole the same without its coefficients; of others one of the same resolution in
+        the middle that sees at most 110 deg forward.
+        """
+        from lcdata.geometry.undistortion import virtual_pinhole
+
+        return virtual_pinhole(self)
 
     def undistort(self, image: NDArray[Any]) -> NDArray[Any]:
         """Undistort an image of this camera to the camera of `undistorted`.
@@ -220,7 +260,8 @@ class Camera:
             image: (H, W) or (H, W, 3).
 
         Returns:
-            Image of the same shape and type; the same array if there is no distortion.
+            Image of the undistorted camera's size and of the same type, black where the lens
+            shows nothing; the same array if there is no distortion.
         """
         import cv2
 
@@ -237,13 +278,6 @@ class Camera:
 
     @cached_property
     def _undistortion_maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        import cv2
+        from lcdata.geometry.undistortion import undistortion_maps
 
-        D, size = np.array(self.distortion or (0.0,) * 4), (self.width, self.height)
-        initialise = (
-            cv2.fisheye.initUndistortRectifyMap
-            if self.model == "fisheye"
-            else cv2.initUndistortRectifyMap
-        )
-        first, second = initialise(self.K, D, np.eye(3), self.K, size, cv2.CV_16SC2)
-        return first, second
+        return undistortion_maps(self)

@@ -88,7 +88,8 @@ def test_camera_info_of_every_ros_model():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("omni", 640, 480, (1, 1, 1, 1)), "unknown camera model"),
+        (("ds", 640, 480, (1, 1, 1, 1)), "unknown camera model"),
+        (("omni", 640, 480, (1, 1, 1, 1)), "xi fx fy cx cy"),
         (("pinhole", 640, 480, (500, 500, 320, 240), (1.0, 2.0)), "2 distortion coefficients"),
         (("pinhole", 640, 480, (500, 500, 320)), "3 values"),
         (("pinhole", 640, 480, (-500, 500, 320, 240)), "must be positive"),
