@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -20,7 +21,7 @@ from pydantic import (
 )
 
 from lcdata import yaml_file
-from lcdata.errors import GeometryError, RigError
+from lcdata.errors import ArmError, GeometryError, RigError
 from lcdata.geometry.camera import Camera
 from lcdata.rig_joint_log import JointLog
 from lcdata.rig_links import LINKS, Link, LinksCovariance, NotNegative, Section
@@ -32,6 +33,12 @@ Array = NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 RIG_FILE = "rig.yaml"
+
+ESTIMATE = "estimate"
+"""`clock_offset_s` of a rig that leaves it to the images of each recording."""
+
+LARGEST_CLOCK_OFFSET_S = 10.0
+"""Clocks that are farther apart are not synchronised at all: `stamps: bag` is for them."""
 
 
 JOINT_OFFSET_STD_DEG = 0.75
@@ -102,6 +109,21 @@ class Dwells(Section):
     settle_s: NotNegative = 0.2
 
 
+def _clock(value: Any) -> Any:
+    if value in (None, ESTIMATE):
+        return value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not abs(value) <= LARGEST_CLOCK_OFFSET_S:
+        raise ValueError(
+            "give the arm's clock minus the camera's in seconds (less than "
+            f"{LARGEST_CLOCK_OFFSET_S:g}), or {ESTIMATE}"
+        )
+    return value
+
+
+ClockOffsetS = Annotated[float | Literal["estimate"] | None, BeforeValidator(_clock)]
+
+
 class PointTime(Section):
     """The cloud's per-point time, where the rule that finds it chooses wrongly."""
 
@@ -123,6 +145,7 @@ class Rig(Section):
     T_base_lidar: Link | None = None
     T_camera_lidar: Link | None = None
     links_covariance: LinksCovariance | None = None
+    clock_offset_s: ClockOffsetS = None
     clock_offset_std_s: NotNegative = 0.0
     pairing: Pairing = Pairing()
     dwells: Dwells = Dwells()
@@ -194,19 +217,31 @@ class Rig(Section):
         """The arm model with its joint offsets.
 
         Raises:
-            ArmError: Unknown model or frame, unreadable offsets, offsets of another arm.
+            ArmError: Unknown model or frame, unreadable offsets, offsets of another arm; it names
+                the rig file and the key.
         """
-        from lcdata.arm import Arm
+        from lcdata.arm import Arm, find_urdf
 
-        offsets = self.arm.joint_offsets
-        return Arm.load(
-            self.arm.model,
-            base_frame=self.arm.base_frame,
-            effector_frame=self.arm.effector_frame,
-            joint_offsets=(self.folder or Path()) / offsets if offsets else None,
-            relative_to=self.folder,
-            serial=self.arm.serial or "",
-        )
+        arm = self.arm
+        with self._naming("model"):
+            urdf = find_urdf(arm.model, self.folder)
+        with self._naming("base_frame", "effector_frame"):
+            loaded = Arm(urdf, arm.base_frame, arm.effector_frame, serial=arm.serial or "")
+        if arm.joint_offsets is None:
+            return loaded
+        with self._naming("joint_offsets"):
+            return loaded.with_offsets_of((self.folder or Path()) / arm.joint_offsets)
+
+    @contextmanager
+    def _naming(self, *keys: str) -> Iterator[None]:
+        """Name the rig file and the key of `arm` in an error: the one whose value it has."""
+        try:
+            yield
+        except ArmError as error:
+            found = [key for key in keys if repr(getattr(self.arm, key)) in error.message]
+            key = ".".join(["arm", *(keys if len(keys) == 1 else found[:1])])
+            where = f"{self._path or 'rig'}: {key}"
+            raise ArmError(f"{where}: {error.message}", error.remedy) from error
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as JSON and YAML take them; `from_dict` reads them back."""

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lcdata.errors import LcdataError, RigError
+from lcdata.errors import ArmError, LcdataError, RigError
 from lcdata.rig import Rig, load_rig
 
 ARM = """\
@@ -197,3 +197,32 @@ def test_a_covariance_and_deviations_of_the_same_link_are_refused():
 def test_a_key_given_twice_is_no_matter_of_chance(tmp_path, text, words):
     with pytest.raises(RigError, match=words):
         load_rig(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("offset", [0.012, -0.3, "estimate", None])
+def test_the_clock_offset_is_a_number_or_left_to_the_images(offset):
+    rig = Rig.from_dict(yaml.safe_load(ARM) | {"clock_offset_s": offset})
+    assert rig.clock_offset_s == offset
+    assert Rig.from_dict(rig.to_dict()).clock_offset_s == offset
+
+
+@pytest.mark.parametrize("offset", ["auto", 1e6, True, float("nan"), [0.1]])
+def test_other_clock_offsets_are_named(offset):
+    with pytest.raises(RigError, match=r"clock_offset_s is .*: give the arm's clock minus"):
+        Rig.from_dict(yaml.safe_load(ARM) | {"clock_offset_s": offset})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("model", "gen9", r"arm\.model: no arm model 'gen9'"),
+        ("base_frame", "floor", r"arm\.base_frame: gen3_lite\.urdf has no frame 'floor'"),
+        ("effector_frame", "hand", r"arm\.effector_frame: gen3_lite\.urdf has no frame 'hand'"),
+        ("joint_offsets", "gone.yaml", r"arm\.joint_offsets: .*gone\.yaml: cannot read"),
+    ],
+)
+def test_an_arm_that_cannot_be_loaded_names_file_and_key(tmp_path, key, value, message):
+    path = tmp_path / "rig.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(ARM) | {"arm": {key: value}}))
+    with pytest.raises(ArmError, match=rf"{path}: {message}"):
+        load_rig(path).load_arm()
