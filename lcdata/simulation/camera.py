@@ -51,15 +51,54 @@ class Sensor:
     read_noise: float = 0.0015
 
 
+@dataclass(frozen=True, eq=False)
+class _Optics:
+    """Where each pixel looks.
+
+    Args:
+        ahead: (H, W, 3) direction of pixel centres.
+        by_u: (H, W, 3) its change a pixel to the right.
+        by_v: (H, W, 3) its change a pixel down.
+        seen: (H, W) whether light reaches the pixel.
+        falloff: (H, W, 1) 0 in the middle ... 1 where vignetting is worst.
+        pixel_rad: Angle of a pixel.
+    """
+
+    ahead: Float32
+    by_u: Float32
+    by_v: Float32
+    seen: NDArray[np.bool_]
+    falloff: Float32
+    pixel_rad: float
+
+
 @lru_cache(maxsize=4)
-def _rays(camera: Camera) -> tuple[Float32, Float32, Float32]:
-    """(H, W, 2) normalised image coordinates of pixel centres, and their derivatives by u, v."""
+def _optics(camera: Camera) -> _Optics:
     u, v = np.meshgrid(np.arange(-1.0, camera.width + 1), np.arange(-1.0, camera.height + 1))
-    bearing = camera.unproject(np.column_stack([u.ravel(), v.ravel()]))
-    xy = (bearing[:, :2] / bearing[:, 2:]).reshape(*u.shape, 2)
-    by_u = (xy[1:-1, 2:] - xy[1:-1, :-2]) / 2
-    by_v = (xy[2:, 1:-1] - xy[:-2, 1:-1]) / 2
-    return xy[1:-1, 1:-1].astype(np.float32), by_u.astype(np.float32), by_v.astype(np.float32)
+    ahead = camera.unproject(np.column_stack([u.ravel(), v.ravel()]))
+    if camera.model == "pinhole":
+        ahead = ahead / ahead[:, 2:]
+    ahead = ahead.reshape(*u.shape, 3)
+    by_u = (ahead[1:-1, 2:] - ahead[1:-1, :-2]) / 2
+    by_v = (ahead[2:, 1:-1] - ahead[:-2, 1:-1]) / 2
+    ahead = ahead[1:-1, 1:-1]
+    seen = np.asarray(np.isfinite(ahead).all(axis=2))
+    if camera.model == "pinhole":
+        pixel = 1.0 / camera.intrinsics[0]
+        falloff = np.square(ahead[..., :2].astype(np.float32)).sum(axis=-1, keepdims=True)
+    else:
+        pixel = float(np.nanmedian(np.linalg.norm(by_v, axis=2)))
+        angle = np.arccos(np.clip(np.where(seen, ahead[..., 2], 1.0), -1.0, 1.0))
+        around = camera.model == "equirectangular"  # put together of several images
+        falloff = (0.0 if around else 1.0) * np.square(angle)[..., None]
+    return _Optics(
+        np.where(seen[..., None], ahead, [0.0, 0.0, 1.0]).astype(np.float32),
+        np.nan_to_num(by_u).astype(np.float32),
+        np.nan_to_num(by_v).astype(np.float32),
+        seen,
+        (falloff / max(falloff.max(), 1e-12)).astype(np.float32),
+        pixel,
+    )
 
 
 def render(
@@ -83,15 +122,15 @@ def render(
         sensor: Exposure and noise; defaults to a day's picture. Noise-free parts are zeros.
 
     Returns:
-        (H, W, 3) uint8 RGB.
+        (H, W, 3) uint8 RGB; black where no light reaches the sensor.
     """
     import cv2
 
     sensor = sensor or Sensor()
-    xy, by_u, by_v = _rays(camera)
+    optics = _optics(camera)
+    ahead, by_u, by_v, pixel = optics.ahead, optics.by_u, optics.by_v, optics.pixel_rad
     R, origin = np.float32(T_world_camera[:3, :3]), np.float32(T_world_camera[:3, 3])
-    pixel = 1.0 / camera.intrinsics[0]
-    rays = camera_rays(xy.reshape(-1, 2), R, origin)
+    rays = camera_rays(ahead.reshape(-1, 3), R, origin)
     radiance, hits, shadows = light.radiance(scene, rays, pixel)
     picture = radiance.reshape(camera.height, camera.width, 3)
     kind = np.where(hits.hit, 256 * (scene.material[hits.triangle] + 1) + shadows, 0)
@@ -101,16 +140,17 @@ def render(
     total = np.zeros((len(where[0]), 3), np.float32)
     for dv in offsets:
         for du in offsets:
-            fine = xy[where] + du * by_u[where] + dv * by_v[where]
+            fine = ahead[where] + du * by_u[where] + dv * by_v[where]
             finer = light.radiance(scene, camera_rays(fine, R, origin), pixel / _GRID)[0]
             total += np.minimum(finer, 4.0)
     picture[where] = total / _GRID**2
-    middle = np.median(radiance[hits.hit]) if hits.hit.any() else 1.0
+    picture[~optics.seen] = 0.0
+    lit = hits.hit & optics.seen.ravel()
+    middle = np.median(radiance[lit]) if lit.any() else 1.0
     picture *= sensor.exposure / max(float(middle), 1e-3)
     if sensor.blur_px > 0:
         picture = cv2.GaussianBlur(picture, (0, 0), sensor.blur_px)
-    radius2 = np.square(xy).sum(axis=-1, keepdims=True)
-    picture *= 1 - sensor.vignetting * radius2 / radius2.max()
+    picture *= 1 - sensor.vignetting * optics.falloff
     noise = rng.standard_normal(picture.shape, np.float32)
     spread = np.sqrt(sensor.read_noise**2 + sensor.shot_noise**2 * np.maximum(picture, 0))
     picture = picture + noise * spread

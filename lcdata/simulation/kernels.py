@@ -11,15 +11,15 @@ UInt32 = NDArray[np.uint32]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def camera_rays(xy: Float32, R: Float32, origin: Float32) -> Float32:
-    """(N, 6) rays (origin, unit direction) of (N, 2) normalised image coordinates."""
-    rays = np.empty((len(xy), 6), np.float32)
-    for n in range(len(xy)):
-        x, y = xy[n, 0], xy[n, 1]
-        scale = np.float32(1.0) / np.sqrt(x * x + y * y + np.float32(1.0))
+def camera_rays(ahead: Float32, R: Float32, origin: Float32) -> Float32:
+    """(N, 6) rays (origin, unit direction) of (N, 3) directions of any length."""
+    rays = np.empty((len(ahead), 6), np.float32)
+    for n in range(len(ahead)):
+        x, y, z = ahead[n, 0], ahead[n, 1], ahead[n, 2]
+        scale = np.float32(1.0) / np.sqrt(x * x + y * y + z * z)
         for k in range(3):
             rays[n, k] = origin[k]
-            rays[n, 3 + k] = (R[k, 0] * x + R[k, 1] * y + R[k, 2]) * scale
+            rays[n, 3 + k] = (R[k, 0] * x + R[k, 1] * y + R[k, 2] * z) * scale
     return rays
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from lcdata.arm import Arm
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
-from lcdata.pair import Pair
 from lcdata.rig import Rig
 from lcdata.simulation import camera as cameras
-from lcdata.simulation.lidar import RINGS, Ouster
+from lcdata.simulation.echoes import Motion
+from lcdata.simulation.lidars import Lidar
 from lcdata.simulation.mesh import rotation
-from lcdata.simulation.mounts import Mounts, default_rig, true_mounts
+from lcdata.simulation.motion import HandMotion
+from lcdata.simulation.mounts import Mounts, true_mounts
 from lcdata.simulation.poses import arm_pose
 from lcdata.simulation.raycast import RayCaster
 from lcdata.simulation.scenes import Scene, build_scene, scenario_rng
@@ -24,6 +25,7 @@ from lcdata.simulation.scenes import Scene, build_scene, scenario_rng
 Array = NDArray[np.float64]
 
 _SCENE, _TOWER, _POSE, _MOVING, _LIDAR, _CAMERA = range(6)
+_HAND = 7
 """Streams of chance, see `scenario_rng`."""
 
 
@@ -91,12 +93,46 @@ class World:
         rng = scenario_rng(self.seed, self.scenario, _MOVING, pose_index, pair_index)
         return RayCaster(self.scene.fixed + self.scene.moving(rng))
 
+    def hand_motion(self, pose_index: int, pair_index: int) -> HandMotion:
+        """How a hand would move the LiDAR from here."""
+        return HandMotion.draw(
+            scenario_rng(self.seed, self.scenario, _HAND, pose_index, pair_index)
+        )
+
     def scan(
-        self, around: RayCaster, lidar: Ouster, pose_index: int, pair_index: int
+        self,
+        around: RayCaster,
+        lidar: Lidar,
+        pose_index: int,
+        pair_index: int,
+        number: int = 0,
+        motion: Motion | None = None,
     ) -> NDArray[np.void]:
-        """One LiDAR scan: records of `lidar.POINT`."""
-        rng = scenario_rng(self.seed, self.scenario, _LIDAR, pose_index, pair_index)
-        return lidar.scan(around, self.T_world_lidar, self.scene.light.near_infrared, rng)
+        """One LiDAR scan, the first or a later one of a pair.
+
+        Args:
+            around: From `surroundings`.
+            lidar: Which.
+            pose_index: Number of the arm pose.
+            pair_index: Number of the pair in the pose.
+            number: Number of the scan in the pair; they follow each other without a gap.
+            motion: `T_start_now` of a LiDAR that moves, at seconds since the first scan.
+
+        Returns:
+            Records as the driver lays them out, each point in the LiDAR's frame of its moment.
+        """
+        later = (number,) if number else ()
+        rng = scenario_rng(self.seed, self.scenario, _LIDAR, pose_index, pair_index, *later)
+        start_s = number * lidar.scan_ns * 1e-9
+        T_world_lidar: Array | Motion = self.T_world_lidar
+        if motion is not None:
+
+            def T_world_lidar(times: Array) -> Array:
+                return self.T_world_lidar @ motion(start_s + times)
+
+        # every pair starts at another phase of a rosette
+        phase_s = start_s + 60.0 * float(np.modf(0.618034 * (pair_index + 1))[0])
+        return lidar.scan(around, T_world_lidar, self.scene.light.near_infrared, rng, phase_s)
 
     def picture(
         self,
@@ -110,55 +146,3 @@ class World:
         rng = scenario_rng(self.seed, self.scenario, _CAMERA, pose_index, pair_index)
         T_world_camera = self.T_world_base @ self.T_base_camera(positions)
         return cameras.render(around, self.scene.light, camera, T_world_camera, rng)
-
-
-@lru_cache(maxsize=4)
-def _world(scenario: str, seed: int) -> World:
-    return World(scenario, seed, default_rig())
-
-
-def render_pair(
-    scenario: str,
-    *,
-    pose_index: int = 0,
-    pair_index: int = 0,
-    seed: int = 0,
-    columns: int = 2048,
-    width: int = 1280,
-    height: int = 720,
-) -> Pair:
-    """One simulated pair with its exact extrinsic, without a recording in between.
-
-    Args:
-        scenario: parking_lot, gym or yard.
-        pose_index: Number of the arm pose.
-        pair_index: Number of the pair in the pose: other noise, and people and leaves moved.
-        seed: Fixes layout, mounts, poses and noise.
-        columns: LiDAR measurements a turn: 512, 1024 or 2048.
-        width: Image width in pixels.
-        height: Image height in pixels.
-
-    Returns:
-        The pair. Its `T_camera_lidar` is exact: that of the true mounts and joint positions.
-    """
-    world = _world(scenario, seed)
-    positions = world.pose(pose_index)
-    around = world.surroundings(pose_index, pair_index)
-    records = world.scan(around, Ouster(columns), pose_index, pair_index)
-    camera = cameras.zed2i(width, height)
-    points = np.stack([records[axis] for axis in "xyz"], axis=-1)
-    points[records["range"] == 0] = np.nan
-    pose_id = f"{scenario}/pose_{pose_index:03d}"
-    return Pair(
-        image=world.picture(around, camera, positions, pose_index, pair_index),
-        points=points,
-        intensity=np.ascontiguousarray(records["intensity"]),
-        camera=camera,
-        organised=(RINGS, columns),
-        ring=np.ascontiguousarray(records["ring"]),
-        pair_id=f"{pose_id}/{pair_index:03d}",
-        pose_id=pose_id,
-        scenario=scenario,
-        T_camera_lidar=world.T_camera_lidar(positions),
-        covariance=np.zeros((6, 6)),
-    )

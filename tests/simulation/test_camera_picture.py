@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lcdata.geometry import se3
+from lcdata.geometry.camera import Camera
 from lcdata.simulation.camera import Sensor, render, zed2i
 from lcdata.simulation.light import Light
 from lcdata.simulation.mesh import Material, quad
@@ -39,6 +40,30 @@ def test_an_edge_lies_where_the_camera_model_projects_it(axis: int) -> None:
     errors = found[5:-5] - expected
     assert abs(errors.mean()) < 0.02
     assert np.abs(errors).max() < 0.15
+
+
+WIDE = (Camera("fisheye", 320, 240, (105, 105, 161, 119), (0.02, -0.005, 0.001, 0.0)),)
+
+
+@pytest.mark.parametrize("camera", WIDE, ids=lambda camera: camera.model)
+@pytest.mark.parametrize("degrees", [(0, 0), (40, 10), (-60, -15), (20, -40)], ids=str)
+def test_a_wide_camera_shows_a_lamp_where_its_model_projects_it(
+    camera: Camera, degrees: tuple[int, int]
+) -> None:
+    yaw, pitch = np.deg2rad(degrees)
+    ahead = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
+    right = np.cross([0.0, 1.0, 0.0], ahead) / np.linalg.norm(np.cross([0.0, 1.0, 0.0], ahead))
+    down = np.cross(ahead, right)
+    corners = [2 * ahead + 0.08 * (i * right + j * down) for i, j in ((1, 1), (1, -1), (-1, -1))]
+    corners.append(2 * ahead + 0.08 * (-right + down))
+    card = RayCaster(quad(*corners, Material("#ffffff", noise=0.0, glow=1.0)))
+    dark = Light((), (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
+    image = render(card, dark, camera, np.eye(4), np.random.default_rng(0), IDEAL)
+    weight = (image[..., 1] / 255.0) ** 2.2
+    v, u = np.indices(weight.shape)
+    found = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+    expected = camera.project(2 * ahead[None])[0][0]
+    np.testing.assert_allclose(found, expected, atol=0.1)
 
 
 def test_noise_grows_with_the_light_and_repeats_with_the_seed() -> None:
