@@ -21,8 +21,9 @@ from pydantic import (
 )
 
 from lcdata import yaml_file
-from lcdata.errors import ArmError, GeometryError, RigError
+from lcdata.errors import ArmError, RigError
 from lcdata.geometry.camera import Camera
+from lcdata.rig_camera import CameraSection
 from lcdata.rig_joint_log import JointLog
 from lcdata.rig_links import LINKS, Link, LinksCovariance, NotNegative, Section
 
@@ -50,28 +51,6 @@ real Gen3 lite in a socket by the 6.1 mm that were measured; those that could be
 def _text(value: Any) -> Any:
     """YAML reads a serial number of digits as a number."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-class CameraSection(Section):
-    """Intrinsics; replaces CameraInfo."""
-
-    model: str = "pinhole"
-    width: Annotated[int, Field(gt=0)]
-    height: Annotated[int, Field(gt=0)]
-    intrinsics: tuple[float, float, float, float]
-    distortion: tuple[float, ...] = ()
-
-    @model_validator(mode="after")
-    def _is_a_camera(self) -> Self:
-        try:
-            self.camera()
-        except GeometryError as error:
-            raise ValueError(str(error)) from error
-        return self
-
-    def camera(self) -> Camera:
-        """The camera model."""
-        return Camera(self.model, self.width, self.height, self.intrinsics, self.distortion)
 
 
 class Topics(Section):
@@ -304,7 +283,7 @@ def _validated(content: Any, source: str, root: yaml.Node | None) -> Rig:
             "write at least `ground_truth: static`",
         )
     try:
-        return Rig.model_validate(content)
+        return Rig.model_validate(content, context={"folder": Path(source).parent})
     except ValidationError as error:
         raise RigError(_describe(error, source, root)) from error
 

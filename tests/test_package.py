@@ -25,6 +25,7 @@ FLOORS = {
     "open3d_loader": 1.2,
     "rig_links": 1.25,
     "rig_joint_log": 1.27,
+    "rig_camera": 1.27,
     "rig": 1.3,
     "recording": 2,
     "groundtruth": 2,
