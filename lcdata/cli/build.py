@@ -34,7 +34,7 @@ EXAMPLE = "lcdata build recordings/ -o dataset"
 def build(
     recordings: Annotated[
         Path,
-        typer.Argument(help="A bag, a ROS 2 folder, or a folder of those.", show_default=False),
+        typer.Argument(help="A bag or folder, or a folder of those.", show_default=False),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the data set.")] = Path(
         "dataset"

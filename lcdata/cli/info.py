@@ -17,7 +17,7 @@ EXAMPLE = "lcdata info recordings/gym"
 def info(
     recording: Annotated[
         Path,
-        typer.Argument(help="A bag, a ROS 2 folder, or a folder of those.", show_default=False),
+        typer.Argument(help="A bag or folder, or a folder of those.", show_default=False),
     ],
     rig: Annotated[
         Path | None, typer.Option(help="Rig file; default: rig.yaml beside the recording.")

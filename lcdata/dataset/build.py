@@ -20,6 +20,7 @@ from lcdata.dataset.schema import DatasetInfo
 from lcdata.dataset.sources import check_names, describe_source, find_rig
 from lcdata.dataset.writer import write_index
 from lcdata.errors import DatasetError, LcdataError
+from lcdata.recording.joint_log import find_joint_log, open_joint_log
 from lcdata.recording.source import find_recordings, open_recording
 from lcdata.rig import load_rig
 
@@ -94,7 +95,7 @@ def build(
     used = load_rig(Path(rig) if rig else find_rig(recordings, paths))
     arm = used.load_arm() if used.ground_truth == "arm" else None
     what: dict[str, Any] = {
-        "sources": [describe_source(path) for path in paths],
+        "sources": [describe_source(path, find_joint_log(path, used)) for path in paths],
         "rig": used.to_dict(),
         "arm": describe_arm(used.arm.model, arm) if arm else None,
         "pairs_per_pose": pairs_per_pose,
@@ -107,7 +108,7 @@ def build(
         errors: list[LcdataError] = []
         for path in paths:
             try:
-                with open_recording(path, used.stamps) as recording:
+                with open_recording(path, used.stamps, open_joint_log(path, used)) as recording:
                     part = package(
                         recording,
                         used,

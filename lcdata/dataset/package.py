@@ -184,6 +184,9 @@ def _warnings(
         for clock in clocks(topics, surveyed):
             if clock.note:
                 yield f"{recording.path}: topic {clock.topic}: {clock.note}"
+    log = recording.joint_log
+    if log is not None and log.topic == topics.joint_states and log.note:
+        yield log.note
     if isinstance(cloud, Cloud) and intensity_field(cloud) is None:
         yield (
             f"{recording.path}: topic {topics.lidar}: its clouds have no intensity: methods that "

@@ -9,12 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from lcdata.errors import DatasetError, RigError
+from lcdata.recording.plain_folder import is_plain_folder
 from lcdata.recording.source import scenario_name
 
 RIG = "rig.yaml"
 
 SAMPLE_BYTES = 1 << 20
 """How much of a file's beginning and end its fingerprint covers: recordings are large."""
+
+MANY = 256
+"""A recording of more files, which are small then, has less of each covered."""
 
 
 def find_rig(root: Path, recordings: Sequence[Path]) -> Path:
@@ -60,30 +64,42 @@ def _absolute(path: Path) -> Path:
     return Path(os.path.abspath(path))  # noqa: PTH100 - Path.absolute keeps ..
 
 
-def describe_source(path: Path) -> dict[str, Any]:
+def describe_source(path: Path, joint_log: Path | None = None) -> dict[str, Any]:
     """Name, files, sizes and fingerprint of a recording, plain values.
 
-    The fingerprint covers sizes and the ends of the files, not all of their content.
+    The fingerprint covers sizes and the ends of the files, not all of their content; a joint log
+    has a checksum of all of it.
+
+    Args:
+        path: The recording.
+        joint_log: Its joint log.
     """
     files = sorted(_files(path)) if path.is_dir() else [path]
+    sample = SAMPLE_BYTES if len(files) <= MANY else SAMPLE_BYTES // MANY
     digest = hashlib.sha256()
     for file in files:
         size = file.stat().st_size
         digest.update(f"{file.name} {size}\n".encode())
         with file.open("rb") as opened:
-            digest.update(opened.read(SAMPLE_BYTES))
-            opened.seek(max(size - SAMPLE_BYTES, 0))
-            digest.update(opened.read(SAMPLE_BYTES))
+            digest.update(opened.read(sample))
+            opened.seek(max(size - sample, 0))
+            digest.update(opened.read(sample))
+    log = {}
+    if joint_log is not None:
+        whole = hashlib.sha256(joint_log.read_bytes()).hexdigest()
+        log = {"joint_log": {"name": joint_log.name, "sha256": whole}}
     return {
         "scenario": scenario_name(path),
         "name": _absolute(path).name,
         "bytes": sum(file.stat().st_size for file in files),
         "fingerprint": digest.hexdigest(),
+        **log,
     }
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    return (f for f in folder.iterdir() if f.is_file() and f.name != RIG and f.name[0] != ".")
+    inside = folder.rglob("*") if is_plain_folder(folder) else folder.iterdir()
+    return (f for f in inside if f.is_file() and f.name != RIG and f.name[0] != ".")
 
 
 def check_names(recordings: Sequence[Path], reserved: Sequence[str]) -> None:

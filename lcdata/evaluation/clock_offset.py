@@ -23,6 +23,7 @@ from lcdata.geometry.camera import Camera
 from lcdata.groundtruth.handeye import Joints, Prior, solve
 from lcdata.pair import Pair
 from lcdata.recording import fields
+from lcdata.recording.joint_log import open_joint_log
 from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.source import Recording, open_recording
 from lcdata.recording.survey import Survey, survey
@@ -87,7 +88,7 @@ def clock_offset(
     if rig.ground_truth != "arm":
         raise GroundTruthError(f"{path} is of a rig without an arm", "there is one clock only")
     arm, prior = rig.load_arm(), Prior.of_rig(rig)
-    with open_recording(path, rig.stamps) as recording:
+    with open_recording(path, rig.stamps, open_joint_log(path, rig)) as recording:
         topics = choose_topics(recording, rig)
         read = survey(recording, topics, arm)
         stamps, positions, velocities = _chosen(read, images)

@@ -21,6 +21,7 @@ from lcdata.recording.messages import (
     StaticTransform,
     Transforms,
 )
+from lcdata.recording.plain_folder import FILE, read_file
 from lcdata.recording.pointcloud import Field, unpack
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -53,7 +54,7 @@ class Converter:
     definitions do not matter then.
 
     Args:
-        encoding: `ros1` or `cdr`.
+        encoding: `ros1` or `cdr`; `file` where messages are paths of files.
     """
 
     def __init__(self, encoding: str) -> None:
@@ -77,6 +78,8 @@ class Converter:
         Raises:
             MessageError: Bytes that are not such a message.
         """
+        if self.encoding == FILE:
+            return read_file(raw, stamp_ns, bag_ns)
         from rosbags.serde import SerdeError
 
         try:

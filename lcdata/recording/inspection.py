@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from lcdata.errors import ArmError, GeometryError, LcdataError, RecordingError, TopicError
 from lcdata.recording import fields
 from lcdata.recording.dwells import find_dwells, speed
-from lcdata.recording.messages import Cloud, Image, JointState
+from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.plan import PosePlan, plan_poses
 from lcdata.recording.source import Recording
 from lcdata.recording.summary import (
@@ -22,7 +21,7 @@ from lcdata.recording.summary import (
     Summary,
     TopicSummary,
 )
-from lcdata.recording.survey import Survey, survey
+from lcdata.recording.survey import Survey, published_joints, survey
 from lcdata.recording.topics import TYPES, Topics, candidates, choose_topics
 from lcdata.recording.transforms import static_extrinsic, static_transforms
 
@@ -66,10 +65,14 @@ def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | Non
     arm = _find_arm(summary, recording, topics.joint_states, rig)
     try:
         surveyed = survey(recording, topics, arm, joint_names=summary.joint_names)
-    except ArmError as error:
+    except (ArmError, RecordingError) as error:
         summary.obstacles.append(str(error))
         surveyed = survey(recording, topics)
         arm = None
+    log = recording.joint_log
+    if log is not None and log.topic == topics.joint_states and len(surveyed.joint_ns):
+        summary.joint_log = log.describe()
+        summary.joint_log_note = log.note
     summary.topics = _topics(recording, topics, surveyed)
     summary.clocks = clocks(topics, surveyed) if recording.stamps == "header" else []
     cloud, image = (_first(recording, name) for name in (topics.lidar, topics.image))
@@ -100,11 +103,7 @@ def _find_arm(
         return None
     from lcdata.arm import Arm, model_directory
 
-    published = {
-        message.names
-        for _, message in islice(recording.messages([joint_states]), 20)
-        if isinstance(message, JointState)
-    }
+    published = set(published_joints(recording, joint_states))
     for urdf in sorted(model_directory().glob("*/*.urdf")):
         arm = Arm(urdf)
         if any(set(arm.joint_names) <= set(names) for names in published):

@@ -13,6 +13,7 @@ import yaml
 
 from lcdata.errors import RecordingError
 from lcdata.recording.mcap_file import McapFile
+from lcdata.recording.plain_folder import PlainFolder, is_plain_folder
 from lcdata.recording.ros1 import Ros1Bag
 from lcdata.recording.salvage import Scanned
 from lcdata.recording.sqlite3_file import Sqlite3File
@@ -26,7 +27,7 @@ OPENERS: dict[str, Callable[[Path], Storage]] = {
 """Reader of each kind of file."""
 
 COMPRESSED_SUFFIXES = (".zstd", ".zst")
-KINDS = f"a ROS 2 folder or a file {', '.join(OPENERS)}"
+KINDS = f"a ROS 2 folder, a folder with images and clouds, or a file {', '.join(OPENERS)}"
 
 
 def storage_suffix(path: Path) -> str:
@@ -45,7 +46,7 @@ def open_storage(path: Path) -> Storage:
     """
     try:
         if path.is_dir():
-            return _open_folder(path)
+            return PlainFolder(path) if is_plain_folder(path) else _open_folder(path)
         with path.open("rb") as file:
             if not file.read(1):
                 raise RecordingError(f"{path} is empty (0 bytes)", "remove it or copy it again")

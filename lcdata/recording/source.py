@@ -11,6 +11,7 @@ from typing import Literal, Self
 
 from lcdata.errors import MessageError, RecordingError
 from lcdata.recording.conversion import READERS, Converter, has_header, header_stamp
+from lcdata.recording.joint_log import JOINT_LOG, JointLog
 from lcdata.recording.messages import Message
 from lcdata.recording.opening import (
     COMPRESSED_SUFFIXES,
@@ -19,6 +20,7 @@ from lcdata.recording.opening import (
     open_storage,
     storage_suffix,
 )
+from lcdata.recording.plain_folder import FILE, is_plain_folder
 from lcdata.recording.storage import TopicInfo
 
 Stamps = Literal["header", "bag"]
@@ -58,7 +60,7 @@ def _walk(path: Path) -> Iterator[Path]:
         if not storage_suffix(path):
             raise RecordingError(f"{path} is not a recording", f"give {KINDS}")
         yield path
-    elif (path / "metadata.yaml").is_file():
+    elif (path / "metadata.yaml").is_file() or is_plain_folder(path):
         yield path
     elif not path.is_dir():
         raise RecordingError(f"{path} is neither a file nor a folder", f"give {KINDS}")
@@ -79,17 +81,20 @@ def scenario_name(path: Path) -> str:
     return name
 
 
-def open_recording(path: Path, stamps: Stamps = "header") -> Recording:
+def open_recording(
+    path: Path, stamps: Stamps = "header", joint_log: JointLog | None = None
+) -> Recording:
     """Open a recording; use it as a context manager.
 
     Args:
         path: A bag file, a ROS 2 storage file or a ROS 2 folder.
         stamps: Which stamp the messages' `stamp_ns` is.
+        joint_log: A file with the arm's joint positions.
 
     Raises:
         RecordingError: Nothing in it can be read.
     """
-    return Recording(path, stamps)
+    return Recording(path, stamps, joint_log)
 
 
 class Recording:
@@ -98,10 +103,14 @@ class Recording:
     Args:
         path: A bag file, a ROS 2 storage file or a ROS 2 folder.
         stamps: Which stamp the messages' `stamp_ns` is.
+        joint_log: A file with the arm's joint positions, a topic of the file's name.
     """
 
-    def __init__(self, path: Path, stamps: Stamps = "header") -> None:
+    def __init__(
+        self, path: Path, stamps: Stamps = "header", joint_log: JointLog | None = None
+    ) -> None:
         self.path = path
+        self.joint_log = joint_log
         self.scenario = scenario_name(path)
         self.stamps: Stamps = stamps
         self._storage = open_storage(path)
@@ -112,7 +121,10 @@ class Recording:
     @property
     def topics(self) -> dict[str, TopicInfo]:
         """Topics by name."""
-        return self._storage.topics
+        if self.joint_log is None:
+            return self._storage.topics
+        name, samples = self.joint_log.topic, len(self.joint_log.table.rows)
+        return {**self._storage.topics, name: TopicInfo(name, JOINT_LOG, samples, "")}
 
     @property
     def start_ns(self) -> int:
@@ -149,7 +161,7 @@ class Recording:
         """
         chosen = {t for t in (self.topics if topics is None else topics) if self._usable(t)}
         encodings = {t: self.topics[t].encoding for t in chosen}
-        headed = {t for t in chosen if has_header(self.topics[t].type)}
+        headed = {t for t in chosen if has_header(self.topics[t].type) and encodings[t] != FILE}
         use_header = self.stamps == "header"
         for topic, bag_ns, raw in self._storage.messages(chosen, heads):
             try:
@@ -190,7 +202,7 @@ class Recording:
 
     def _usable(self, topic: str) -> bool:
         info = self.topics.get(topic)
-        return info is not None and info.type in READERS and info.encoding in ("ros1", "cdr")
+        return info is not None and info.type in READERS and info.encoding in ("ros1", "cdr", FILE)
 
     def _note(self, topic: str, problem: str) -> None:
         self._bad[topic] += 1

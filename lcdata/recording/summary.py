@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lcdata.errors import RecordingError
 from lcdata.recording.fields import PointTimeField
+from lcdata.recording.joint_log import open_joint_log
 from lcdata.recording.source import open_recording
 
 if TYPE_CHECKING:
@@ -106,6 +108,8 @@ class Summary:
     T_camera_lidar: list[list[float]] | None = None
     arm_model: str | None = None
     joint_names: list[str] = field(default_factory=list)
+    joint_log: str = ""
+    joint_log_note: str = ""
     poses: list[PoseSummary] = field(default_factory=list)
     obstacles: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -142,7 +146,12 @@ def summarise(path: Path, rig: Rig | None = None) -> Summary:
     from lcdata.recording.inspection import inspect
     from lcdata.recording.suggestion import suggest_rig
 
-    with open_recording(path, rig.stamps if rig else "header") as recording:
+    log, no_log = None, ""
+    try:
+        log = open_joint_log(path, rig)
+    except RecordingError as error:
+        no_log = str(error)
+    with open_recording(path, rig.stamps if rig else "header", log) as recording:
         summary = Summary(
             str(path),
             recording.scenario,
@@ -150,6 +159,8 @@ def summarise(path: Path, rig: Rig | None = None) -> Summary:
             (recording.end_ns - recording.start_ns) * 1e-9,
             rig.ground_truth if rig else "static",
         )
+        if no_log:
+            summary.obstacles.append(no_log)
         inspect(summary, recording, rig)
         summary.problems = recording.problems
     if rig is None:

@@ -50,6 +50,8 @@ def _sensors(summary: Summary) -> list[str]:
             f"stamp (median), {clock.largest_ms:.3g} ms at most"
         )
         lines += [f"  !          {clock.note}"] if clock.note else []
+    lines += [f"  joint log  {summary.joint_log}"] if summary.joint_log else []
+    lines += [f"  !          {summary.joint_log_note}"] if summary.joint_log_note else []
     if cloud := summary.cloud:
         shape = (
             "{} rings x {} columns".format(*cloud.organised) if cloud.organised else "unorganised"

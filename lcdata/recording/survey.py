@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,6 +62,7 @@ def survey(
 
     Raises:
         ArmError: No joint state has all joints of the arm.
+        RecordingError: A joint log that cannot be used, or is of another time.
     """
     joint_names = arm.joint_names if arm else joint_names
     stamps = {topic: array("q") for topic in topics.names()}
@@ -94,14 +96,31 @@ def survey(
         except ArmError as error:
             where = f"{recording.path}: topic {topics.joint_states}"
             raise ArmError(f"{where}: {error.message}", error.remedy) from error
+    lidar_ns = np.unique(np.array(stamps[topics.lidar], np.int64))
+    image_ns = np.unique(np.array(stamps[topics.image], np.int64))
+    all_ns = np.array(joint_ns, np.int64)
+    all_positions = np.array(positions, np.float64).reshape(len(joint_ns), len(joint_names))
+    log = recording.joint_log
+    if log is not None and log.topic == topics.joint_states and joint_names:
+        all_ns, all_positions = log.samples(arm)
+        log.check_clock(np.concatenate([lidar_ns, image_ns]))
     return Survey(
-        np.unique(np.array(stamps[topics.lidar], np.int64)),
-        np.unique(np.array(stamps[topics.image], np.int64)),
-        np.array(joint_ns, np.int64),
-        np.array(positions, np.float64).reshape(len(joint_ns), len(joint_names)),
+        lidar_ns,
+        image_ns,
+        all_ns,
+        all_positions,
         camera_info,
         {t: np.array(stamps[t], np.int64) - np.array(bag[t], np.int64) for t in stamps},
     )
+
+
+def published_joints(recording: Recording, topic: str) -> list[tuple[str, ...]]:
+    """Names of joints in the first messages of a topic, or in a joint log."""
+    log = recording.joint_log
+    if log is not None and log.topic == topic:
+        return [log.names]
+    messages = islice(recording.messages([topic]), 20)
+    return [message.names for _, message in messages if isinstance(message, JointState)]
 
 
 def _order(wanted: Sequence[str], names: Sequence[str]) -> list[int] | None:

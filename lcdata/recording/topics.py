@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from lcdata.errors import TopicError
 from lcdata.recording.conversion import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, JOINT_STATE
+from lcdata.recording.joint_log import JOINT_LOG
 from lcdata.recording.source import Recording
 from lcdata.recording.storage import TopicInfo
 
@@ -19,7 +20,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "lidar": (CLOUD,),
     "image": (IMAGE, COMPRESSED_IMAGE),
     "camera_info": (CAMERA_INFO,),
-    "joint_states": (JOINT_STATE,),
+    "joint_states": (JOINT_STATE, JOINT_LOG),
 }
 """Message types of each role."""
 
@@ -87,7 +88,10 @@ def _choose(
         if role == "camera_info":
             remedy = "give the camera's model and intrinsics in the rig (camera)"
         elif role == "joint_states":
-            remedy = "a recording without an arm needs ground_truth: static in the rig"
+            remedy = (
+                "a recording without an arm needs ground_truth: static in the rig, one with a log "
+                "of the joints joint_log.file"
+            )
         else:
             remedy = "record the sensor, or is this the right recording?"
         types = " or ".join(TYPES[role])
@@ -101,7 +105,7 @@ def _choose(
     elif role == "camera_info":
         found = _siblings(found, beside)
     elif role == "joint_states":
-        found = [i for i in found if i.name == "/joint_states"] or found
+        found = _joint_states(found, by_log=rig is not None and rig.joint_log is not None)
     if len(found) == 1:
         return found[0].name
     if rig is None and not needed:
@@ -147,6 +151,14 @@ def _siblings(found: list[TopicInfo], image: str) -> list[TopicInfo]:
     base = base_topic(image)
     names = (f"{base.rpartition('/')[0]}/camera_info", f"{base}/camera_info")
     return [i for i in found if i.name in names][:1] or found
+
+
+def _joint_states(found: list[TopicInfo], by_log: bool) -> list[TopicInfo]:
+    """The log where the rig speaks of one; one that merely lies there is ambiguous."""
+    logs = [info for info in found if info.type == JOINT_LOG]
+    if logs:
+        return logs if by_log else found
+    return [info for info in found if info.name == "/joint_states"] or found
 
 
 def base_topic(image: str) -> str:

@@ -120,7 +120,7 @@ def test_no_recording(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no recording")
     for path, message in (
         (tmp_path, "no recording in"),
-        (tmp_path / "notes.txt", "is not a recording: give a ROS 2 folder or a file .bag"),
+        (tmp_path / "notes.txt", "is not a recording: give a ROS 2 folder, a folder with images"),
         (tmp_path / "missing.bag", "does not exist"),
     ):
         with pytest.raises(RecordingError, match=message):
