@@ -237,13 +237,13 @@ def _values(records: NDArray[np.void], name: str | None, dtype: DTypeLike) -> ND
 
 def _rows(path: Path, record: type[Any]) -> list[dict[str, Any]]:
     """Rows of an index file; columns that this version does not know are left out."""
-    names = [f.name for f in columns(record) if f.name != "budget"]
+    names = [f.name for f in columns(record) if f.name not in {"budget", *schema.LATER}]
     table = read_table(path)
     missing = [name for name in names if name not in table.column_names]
     if missing:
         raise DatasetError(f"{path}: no column {', '.join(missing)}", "build the data set again")
     rows: list[dict[str, Any]] = table.select(
-        [*names, *(name for name in schema.BUDGET.values() if name in table.column_names)]
+        [*names, *(name for name in schema.LATER if name in table.column_names)]
     ).to_pylist()
     return rows
 

@@ -169,9 +169,16 @@ def regenerate(
         raise RigError(f"{dataset.path} has no arm", "--arm-offsets goes with ground_truth: arm")
     truths = _truths(dataset, used, arm)
     poses = [_with(pose, truth) for pose, truth in zip(dataset.poses, truths, strict=True)]
-    same = all(map(_same, dataset.poses, poses))
-    version = dataset.info.groundtruth_version if same else schema.groundtruth_version(poses)
-    poses = [replace(pose, groundtruth_version=version) for pose in poses]
+    same = list(map(_same, dataset.poses, poses))
+    version = dataset.info.groundtruth_version if all(same) else schema.groundtruth_version(poses)
+    poses = [
+        replace(
+            new,
+            groundtruth_version=version,
+            pose_version=old.pose_version if kept else schema.pose_version(new),
+        )
+        for old, new, kept in zip(dataset.poses, poses, same, strict=True)
+    ]
     described = describe_arm(used.arm.model, arm) if arm else None
     changes = tuple(_change(old, new) for old, new in zip(dataset.poses, poses, strict=True))
     info = replace(

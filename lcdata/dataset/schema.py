@@ -16,7 +16,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -41,7 +41,10 @@ GROUNDTRUTH = "groundtruth"
 LINKS = ("T_camera_effector", "T_effector_base", "T_base_lidar")
 
 BUDGET = {source: f"covariance_{source}" for source in SOURCES}
-"""Columns of the covariance from each source; older data sets lack them."""
+"""Columns of the covariance from each source."""
+
+LATER = ("pose_version", *BUDGET.values())
+"""Columns of poses.parquet that older data sets lack."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,8 @@ class PoseRecord:
         T_effector_base: 4x4 link of the chain; None without an arm.
         T_base_lidar: 4x4 link of the chain; None without an arm.
         groundtruth_version: Version of the ground truth; the data set's own.
+        pose_version: Version of this pose's own ground truth, which results name: poses that are
+            added or move leave it as it is. In older data sets that of the data set.
         budget: 6x6 covariance from each source of uncertainty, see `groundtruth.budget`; they
             add up to `covariance`. Empty where that is unknown.
     """
@@ -112,6 +117,7 @@ class PoseRecord:
     T_effector_base: Array | None
     T_base_lidar: Array | None
     groundtruth_version: str = ""
+    pose_version: str = ""
     budget: dict[str, Array] = field(default_factory=dict)
 
 
@@ -235,10 +241,17 @@ def check_version(version: int, path: Path) -> None:
         )
 
 
+def versioned(poses: Sequence[PoseRecord]) -> list[PoseRecord]:
+    """Poses with the versions of their ground truth: of all of them and of each."""
+    version = groundtruth_version(poses)
+    return [
+        replace(pose, groundtruth_version=version, pose_version=pose_version(pose))
+        for pose in poses
+    ]
+
+
 def groundtruth_version(poses: Sequence[PoseRecord]) -> str:
     """Name of a ground truth by its values: other extrinsics or covariances, another name.
-
-    Results carry it, so that errors against an older ground truth are known as such.
 
     Returns:
         12 hexadecimal digits.
@@ -250,6 +263,21 @@ def groundtruth_version(poses: Sequence[PoseRecord]) -> str:
         digest.update(pose.pose_id.encode())
         for values in (transform, pose.covariance):
             digest.update(np.ascontiguousarray(values, "<f8").tobytes())
+    return digest.hexdigest()[:12]
+
+
+def pose_version(pose: PoseRecord) -> str:
+    """Name of one pose's ground truth by its values, to a nanometre.
+
+    Results carry it, so that errors against an older ground truth are known as such.
+
+    Returns:
+        12 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    for values, decimals in ((pose.T_camera_lidar, 9), (pose.covariance, 15)):
+        rounded = np.round(values, decimals) + 0.0  # no -0
+        digest.update(np.ascontiguousarray(rounded, "<f8").tobytes())
     return digest.hexdigest()[:12]
 
 
@@ -292,6 +320,7 @@ def poses_table(records: Sequence[PoseRecord]) -> Any:
         pa.field("covariance", pa.list_(pa.float64(), 36), nullable=False),
         *(pa.field(name, transform) for name in LINKS),
         pa.field("groundtruth_version", pa.string(), nullable=False),
+        pa.field("pose_version", pa.string()),
         *(pa.field(name, pa.list_(pa.float64(), 36)) for name in BUDGET.values()),
     ]
     return _table(pose_rows(records), columns, "lcdata.poses")
@@ -316,7 +345,7 @@ def pose_rows(records: Sequence[PoseRecord]) -> list[dict[str, Any]]:
 def pose_records(rows: Sequence[Mapping[str, Any]]) -> list[PoseRecord]:
     """The records of rows of poses.parquet; columns of others are ignored."""
     result: list[dict[str, Any]] = [
-        {f.name: row[f.name] for f in fields(PoseRecord) if f.name != "budget"} for row in rows
+        {f.name: row.get(f.name) for f in fields(PoseRecord) if f.name != "budget"} for row in rows
     ]
     for name in ("T_camera_lidar", *LINKS):
         there = [values for values in result if values[name] is not None]
@@ -326,6 +355,7 @@ def pose_records(rows: Sequence[Mapping[str, Any]]) -> list[PoseRecord]:
     for values, row in zip(result, rows, strict=True):
         for name in ("joint_positions", "joint_positions_std"):
             values[name] = np.array(values[name], float)
+        values["pose_version"] = values["pose_version"] or values["groundtruth_version"]
         values["covariance"] = np.reshape(np.array(values["covariance"], float), (6, 6))
         values["budget"] = {
             source: np.reshape(np.array(row[column], float), (6, 6))

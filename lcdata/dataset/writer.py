@@ -68,9 +68,8 @@ def write_index(
         `info` as written.
     """
     atomic.sync_folders((folder / pair.cloud).parent for pair in pairs)
-    version = schema.groundtruth_version(poses)
-    info = replace(info, groundtruth_version=version)
-    poses = [replace(pose, groundtruth_version=version) for pose in poses]
+    poses = schema.versioned(poses)
+    info = replace(info, groundtruth_version=schema.groundtruth_version(poses))
     pairs = sorted(pairs, key=lambda pair: schema.in_order(pair.pair_id))
     poses = sorted(poses, key=lambda pose: schema.in_order(pose.pose_id))
     atomic.write_parquet(folder / schema.POSES, schema.poses_table(poses))

@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 GROUPS = ("pair", "pose")
 """What one estimate is made from: a single pair, or all pairs of an arm pose jointly."""
 
+TOLERANCE = 0.1
+"""How much farther off or nearer a guess may be after the ground truth has moved. No guess is known
+better: the true extrinsic is off any ground truth by that one's own uncertainty."""
+
 
 @dataclass(frozen=True)
 class Protocol:
@@ -84,6 +88,17 @@ class Protocol:
         words = np.frombuffer(digest, np.uint32).tolist()
         rng = np.random.default_rng([self.seed, trial, *words])
         return perturb(T_truth, self.init_rotation_deg, self.init_translation_m, rng)
+
+    def holds(self, rotation_error_deg: float, translation_error_m: float) -> bool:
+        """Whether an initial guess is as far off as the protocol's, within `TOLERANCE`.
+
+        Args:
+            rotation_error_deg: Geodesic angle.
+            translation_error_m: L2 norm.
+        """
+        wanted = math.sqrt(3) * np.array([self.init_rotation_deg, self.init_translation_m])
+        apart = np.abs(np.array([rotation_error_deg, translation_error_m]) - wanted)
+        return bool((apart <= TOLERANCE * wanted).all())
 
 
 def perturb(

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,22 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""2 has `initial_groundtruth_version`; files of 1 are read too."""
+
 FOLDER = "results"
+
+
+class Guess(NamedTuple):
+    """An initial guess.
+
+    Args:
+        T_camera_lidar: 4x4.
+        groundtruth_version: The ground truth that it was made from.
+    """
+
+    T_camera_lidar: Array
+    groundtruth_version: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +73,7 @@ class TrialResult:
         sigma_distance: Error in ground-truth standard deviations; NaN where unknown.
         groundtruth_rotation_sigma_deg: Root mean square error of the ground truth itself.
         groundtruth_translation_sigma_m: The same for the translation.
-        groundtruth_version: Version of the ground truth that the errors are against.
+        groundtruth_version: Version of the pose's ground truth that the errors are against.
         converged: The method's own verdict.
         degenerate: The data do not determine all degrees of freedom, says the method.
         failed: There is no estimate: an error was raised or the process died.
@@ -68,6 +82,8 @@ class TrialResult:
         seconds: Wall time of the calibration, features included.
         features_seconds: The part of it that the trials on these pairs share.
         message: What went wrong or should be known.
+        initial_groundtruth_version: Version that the initial guess was made from; empty for the
+            one that the errors are against.
         matches: Matched lines (columns matches_lidar, matches_image, matches_pair, flattened).
     """
 
@@ -103,6 +119,7 @@ class TrialResult:
     seconds: float = math.nan
     features_seconds: float = math.nan
     message: str = ""
+    initial_groundtruth_version: str = ""
     matches: LineMatches = field(default_factory=LineMatches.empty)
 
     @property
@@ -114,6 +131,16 @@ class TrialResult:
     def success(self) -> bool:
         """Whether both errors are below 0.5 deg and 0.1 m."""
         return metrics.is_success(self.rotation_error_deg, self.translation_error_m)
+
+    @property
+    def guess(self) -> Guess:
+        """Where it started."""
+        return Guess(self.T_camera_lidar_initial, self.initial_groundtruth_version)
+
+    @property
+    def rebased(self) -> bool:
+        """Whether the initial guess was made from another ground truth than that of the errors."""
+        return self.initial_groundtruth_version not in {"", self.groundtruth_version}
 
     @property
     def key(self) -> tuple[str, tuple[str, ...], int]:
@@ -144,7 +171,9 @@ class TrialResult:
             initial_translation_error_m=metrics.translation_error_m(self.T_camera_lidar_initial, T),
             groundtruth_rotation_sigma_deg=sigma.rotation_deg,
             groundtruth_translation_sigma_m=sigma.translation_m,
-            groundtruth_version=pose.groundtruth_version,
+            groundtruth_version=pose.pose_version,
+            initial_groundtruth_version=self.initial_groundtruth_version
+            or self.groundtruth_version,
         )
 
 
@@ -178,7 +207,7 @@ class Results:
 
     def split_stale(self, dataset: Dataset) -> tuple[Results, Results]:
         """Trials measured against the data set's present ground truth, and all others."""
-        versions = {pose.pose_id: pose.groundtruth_version for pose in dataset.poses}
+        versions = {pose.pose_id: pose.pose_version for pose in dataset.poses}
         is_current = [versions.get(t.pose_id) == t.groundtruth_version for t in self.trials]
         current = tuple(t for t, ok in zip(self.trials, is_current, strict=True) if ok)
         stale = tuple(t for t, ok in zip(self.trials, is_current, strict=True) if not ok)
@@ -188,7 +217,8 @@ class Results:
         """The same estimates, errors measured against the present ground truth.
 
         Initial guesses stay where they were, so initial errors are no longer the protocol's
-        round numbers. Trials of poses that the data set no longer has are left as they are.
+        round numbers: such trials are `rebased`. Trials of poses that the data set no longer has
+        are left as they are.
         """
         poses = {pose.pose_id: pose for pose in dataset.poses}
         return Results(
@@ -222,7 +252,7 @@ def read_run(path: Path) -> Results:
     try:
         file = pq.ParquetFile(path)
         version = int((file.schema_arrow.metadata or {}).get(b"lcdata.results", b"0"))
-        if version != SCHEMA_VERSION:
+        if version not in {1, SCHEMA_VERSION}:
             age = "a newer" if version > SCHEMA_VERSION else "another"
             raise ReportError(
                 f"{path} has results schema {version}, this lcdata reads {SCHEMA_VERSION}",

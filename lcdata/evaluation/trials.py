@@ -18,6 +18,7 @@ from lcdata.errors import CalibrationError
 from lcdata.evaluation.pool import Crash, Executor, default_jobs, run_here, run_in_processes
 from lcdata.evaluation.protocol import Protocol
 from lcdata.evaluation.results import (
+    Guess,
     Results,
     TrialResult,
     read_results,
@@ -60,7 +61,9 @@ def run_trials(
 
     Trials that a former call with the same protocol has stored, of the same methods and
     parameters and against the same ground truth, are not computed again. Those that failed are
-    tried again; those of another version of a method or of the ground truth are replaced.
+    tried again; those of another version of a method or of the ground truth are replaced. So are
+    those that were measured again (`update_results`) and whose initial errors then turned out more
+    than a tenth off the protocol's; where they are not, other methods start from their guesses.
 
     Args:
         dataset: The data set.
@@ -87,7 +90,7 @@ def run_trials(
     calibrators = _by_label(methods)
     run = protocol.run if run is None else _check_name(run)
     results = _stored(dataset, run, protocol, calibrators, force)
-    planned = _plan(dataset, run, protocol, calibrators, pair_ids)
+    planned = _plan(dataset, run, protocol, calibrators, pair_ids, results.values())
     tasks = _without(planned, results)
     total = sum(len(task.work) for task in planned)
     done = total - sum(len(task.work) for task in tasks)
@@ -151,7 +154,7 @@ def _stored(
     force: bool,
 ) -> dict[Key, TrialResult]:
     """Stored trials of the run that stay as they are."""
-    versions = {pose.pose_id: pose.groundtruth_version for pose in dataset.poses}
+    versions = {pose.pose_id: pose.pose_version for pose in dataset.poses}
     ours = (protocol.seed, protocol.init_rotation_deg, protocol.init_translation_m, protocol.group)
     kept = {}
     for t in read_results(dataset, run).trials:
@@ -168,10 +171,20 @@ def _stored(
             kept[t.key] = t
             continue
         same_method = (t.method_version, t.parameters) == (method.version, parameters(method))
-        same_truth = t.groundtruth_version == versions.get(t.pose_id)
-        if same_method and same_truth and not (t.failed or force):
+        if same_method and _holds(t, protocol, versions) and not (t.failed or force):
             kept[t.key] = t
     return kept
+
+
+def _holds(trial: TrialResult, protocol: Protocol, versions: Mapping[str, str]) -> bool:
+    """Whether a trial is against the present ground truth, and started as far off as it ought to.
+
+    `update_results` leaves initial guesses where they were while the ground truth moves.
+    """
+    if trial.groundtruth_version != versions.get(trial.pose_id):
+        return False
+    errors = trial.initial_rotation_error_deg, trial.initial_translation_error_m
+    return not trial.rebased or protocol.holds(*errors)
 
 
 def _plan(
@@ -180,8 +193,14 @@ def _plan(
     protocol: Protocol,
     calibrators: dict[str, Calibrator],
     pair_ids: Sequence[str] | None,
+    stored: Iterable[TrialResult],
 ) -> list[Task]:
-    """One task a pair, or a pose."""
+    """One task a pair, or a pose; all methods of a run start from the same guesses."""
+    versions = {pose.pose_id: pose.pose_version for pose in dataset.poses}
+    guesses: dict[tuple[str, ...], dict[int, Guess]] = {}
+    for trial in stored:
+        if trial.rebased and _holds(trial, protocol, versions):
+            guesses.setdefault(trial.pair_ids, {})[trial.trial] = trial.guess
     wanted = None if pair_ids is None else set(pair_ids)
     chosen = [p for p in dataset.pairs if wanted is None or p.pair_id in wanted]
     if missing := sorted((wanted or set()) - {p.pair_id for p in chosen}):
@@ -199,6 +218,7 @@ def _plan(
             pair_ids=tuple(pair.pair_id for pair in pairs),
             methods=calibrators,
             work=tuple((label, n) for label in calibrators for n in range(protocol.trials)),
+            guesses=guesses.get(tuple(pair.pair_id for pair in pairs), {}),
         )
         for pairs in groups.values()
     ]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ import lcdata
 from lcdata.calibrators.base import Calibration, Calibrator
 from lcdata.errors import CalibrationError, LcdataError
 from lcdata.evaluation.protocol import Protocol
-from lcdata.evaluation.results import TrialResult
+from lcdata.evaluation.results import Guess, TrialResult
 from lcdata.geometry.se3 import check_transform
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ class Task:
         pair_ids: Names of the pairs.
         methods: Methods by label.
         work: What to do with them.
+        guesses: Initial guesses by number of the trial that other methods have started from, from
+            which this work starts too; the protocol's where there is none.
     """
 
     dataset: Path
@@ -46,6 +48,15 @@ class Task:
     pair_ids: tuple[str, ...]
     methods: dict[str, Calibrator]
     work: Work
+    guesses: Mapping[int, Guess] = field(default_factory=dict)
+
+    def guess(self, trial: int) -> Guess:
+        """Where a trial starts."""
+        if trial in self.guesses:
+            return self.guesses[trial]
+        truth = self.pose.T_camera_lidar
+        T = self.protocol.initial_guess(truth, self.pair_ids, trial)
+        return Guess(T, self.pose.pose_version)
 
 
 @dataclass(frozen=True)
@@ -176,6 +187,7 @@ def failure(
 ) -> TrialResult:
     """A trial without an estimate."""
     method, protocol, pose = task.methods[label], task.protocol, task.pose
+    guess = task.guess(trial)
     return TrialResult(
         run=task.run,
         method=label,
@@ -190,8 +202,9 @@ def failure(
         group=protocol.group,
         init_rotation_deg=protocol.init_rotation_deg,
         init_translation_m=protocol.init_translation_m,
-        T_camera_lidar_initial=protocol.initial_guess(pose.T_camera_lidar, task.pair_ids, trial),
-        groundtruth_version=pose.groundtruth_version,
+        T_camera_lidar_initial=guess.T_camera_lidar,
+        initial_groundtruth_version=guess.groundtruth_version,
+        groundtruth_version=pose.pose_version,
         seconds=seconds,
         features_seconds=seconds,
         message=message,

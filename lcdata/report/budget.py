@@ -104,7 +104,7 @@ def poses_csv(dataset: Dataset) -> str:
     out = io.StringIO()
     poses = known(dataset)
     sources = [s for s in SOURCES if any(s in p.budget for p in poses)]
-    names = ["pose_id", "groundtruth_version"]
+    names = ["pose_id", "groundtruth_version", "pose_version"]
     for source in ("total", *sources):
         names += [f"{source}_mm", f"{source}_deg"]
     for source in sources:
@@ -113,8 +113,7 @@ def poses_csv(dataset: Dataset) -> str:
     writer.writeheader()
     for pose in poses:
         writer.writerow(
-            {"pose_id": pose.pose_id, "groundtruth_version": pose.groundtruth_version}
-            | dict(_pose_values(pose))
+            {name: getattr(pose, name) for name in names[:3]} | dict(_pose_values(pose))
         )
     return out.getvalue()
 

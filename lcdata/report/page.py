@@ -41,6 +41,7 @@ class Section:
         plot_light: PNG of the box plots for a light page.
         plot_dark: The same for a dark page.
         exhibits: Trials with pictures, by method.
+        version: Of the ground truth.
     """
 
     trials: Sequence[TrialResult]
@@ -48,6 +49,7 @@ class Section:
     plot_light: bytes
     plot_dark: bytes
     exhibits: dict[str, list[Exhibit]]
+    version: str
 
     @property
     def overall(self) -> list[Summary]:
@@ -123,7 +125,7 @@ def _section(section: Section) -> str:
     return f"""
 <section>
 <h2>{escape(words.run_title(section.trials))}</h2>
-<p class="note">{escape(words.protocol(section.trials))}</p>
+<p class="note">{escape(words.protocol(section.trials, section.version))}</p>
 <div class="cards">{"".join(_card(section, row) for row in section.overall)}</div>
 {_table(section)}
 <figure class="plot">{_plot(section)}</figure>

@@ -151,7 +151,7 @@ def trials_csv(results: Results) -> str:
             if f.name not in skipped
         }
         row["pair_ids"] = " ".join(trial.pair_ids)
-        row["success"] = trial.success
+        row |= {"success": trial.success, "rebased": trial.rebased}
         estimated = trial.T_camera_lidar_estimated
         initial = se3.to_xyz_xyzw(trial.T_camera_lidar_initial)
         row |= {f"initial_{name}": value for name, value in zip(POSE, initial, strict=True)}

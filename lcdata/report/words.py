@@ -101,22 +101,41 @@ def run_title(trials: Sequence[TrialResult]) -> str:
     return f"From {first.init_rotation_deg:g}° and {first.init_translation_m:g} m an axis{joint}"
 
 
-def protocol(trials: Sequence[TrialResult]) -> str:
-    """How the trials of one run were made, so that they can be made again."""
+def protocol(trials: Sequence[TrialResult], version: str) -> str:
+    """How the trials of one run were made, so that they can be made again.
+
+    Args:
+        trials: All of them.
+        version: The ground truth's.
+    """
     first = trials[0]
     unit = "pose (its pairs solved jointly)" if first.group == "pose" else "pair"
     per_unit = Counter((t.method, t.pair_ids) for t in trials)
     rotation = math.sqrt(3) * first.init_rotation_deg
     translation = math.sqrt(3) * first.init_translation_m
-    versions = sorted({f"{t.method} {t.method_version}" for t in trials})
+    methods = sorted({f"{t.method} {t.method_version}" for t in trials})
     return (
         f"Run {first.run}: {count(max(per_unit.values()), 'trial')} a {unit} and method. Each "
         f"starts from the ground truth turned by {first.init_rotation_deg:g}° about each axis and "
         f"moved by {first.init_translation_m:g} m along each axis, with random signs "
         f"({rotation:.2f}° and {translation:.3f} m in all); every method gets the same initial "
-        f"guesses. Seed {first.seed}, ground truth {first.groundtruth_version}, lcdata "
+        f"guesses. {_rebased(trials)}Seed {first.seed}, ground truth {version}, lcdata "
         f"{listing(sorted({t.lcdata_version for t in trials}))}, method versions "
-        f"{listing(versions)}."
+        f"{listing(methods)}."
+    )
+
+
+def _rebased(trials: Sequence[TrialResult]) -> str:
+    """A sentence on guesses that an earlier ground truth has made; empty without them."""
+    rebased = [t for t in trials if t.rebased]
+    if not rebased:
+        return ""
+    turned = [t.initial_rotation_error_deg for t in rebased]
+    moved = [t.initial_translation_error_m for t in rebased]
+    return (
+        f"{count(len(rebased), 'trial')} started from guesses made from an earlier ground truth: "
+        f"against the present one they are {min(turned):.2f}° to {max(turned):.2f}° and "
+        f"{min(moved):.3f} m to {max(moved):.3f} m off. "
     )
 
 

@@ -66,7 +66,8 @@ def write_report(
             pictures[method] = exhibits(dataset, [t for t in trials if t.method == method])
             advance()
         summaries = [s for s in results.summaries if s.run == run]
-        sections.append(Section(trials, summaries, light, dark, pictures))
+        version = dataset.info.groundtruth_version
+        sections.append(Section(trials, summaries, light, dark, pictures, version))
 
     titles = {run: words.run_title(trials) for run, trials in runs.items()}
     kind = "Simulated data" if dataset.info.simulated else "Recorded data"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,8 +52,7 @@ def make(path: Path, poses: int = 12, rig: Rig | None = None, seed: int = 1) -> 
         )
         for i in range(poses)
     ]
-    version = schema.groundtruth_version(records)
-    records = [replace(record, groundtruth_version=version) for record in records]
+    version, records = schema.groundtruth_version(records), schema.versioned(records)
     info = DatasetInfo(
         rig=rig.to_dict(),
         arm=describe_arm("gen3_lite", arm),
@@ -102,7 +100,7 @@ def store(dataset: Dataset, method: str = "projection", wrong: tuple[int, ...] =
                 init_rotation_deg=5.0,
                 init_translation_m=0.5,
                 T_camera_lidar_initial=T,
-                groundtruth_version=pose.groundtruth_version,
+                groundtruth_version=pose.pose_version,
                 T_camera_lidar_estimated=estimate,
                 covariance=np.diag(STD**2),
                 converged=True,

@@ -96,7 +96,9 @@ def test_stale_results_are_told_apart_and_can_be_recomputed(calibrated: Dataset)
         np.testing.assert_array_equal(old.T_camera_lidar_estimated, new.T_camera_lidar_estimated)
         assert new.translation_error_m == pytest.approx(0.3, abs=0.1)
         assert old.translation_error_m < 0.1
-        assert new.groundtruth_version == moved.info.groundtruth_version
+        assert new.groundtruth_version == moved.pose(new.pose_id).pose_version
+        assert new.initial_groundtruth_version == old.groundtruth_version
+        assert new.rebased and not old.rebased
 
 
 def test_static_reference_without_covariance(tmp_path: Path) -> None:
@@ -115,6 +117,14 @@ def test_every_run_is_read_and_leftovers_are_not(calibrated: Dataset) -> None:
         "1deg-0.5m-seed0",
     }
     assert not read_results(calibrated, "no such run").trials
+
+
+def test_files_of_the_version_before_are_read(calibrated: Dataset) -> None:
+    path = results_path(calibrated, "5deg-0.5m-seed0")
+    table = pq.read_table(path).drop_columns(["initial_groundtruth_version"])
+    pq.write_table(table.replace_schema_metadata({"lcdata.results": "1"}), path)
+    trials = read_results(calibrated).trials
+    assert len(trials) == 16 and not any(t.rebased for t in trials)
 
 
 def test_damaged_and_newer_files_are_named(calibrated: Dataset) -> None:

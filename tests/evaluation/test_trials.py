@@ -83,7 +83,7 @@ def test_other_parameters_and_another_ground_truth_replace_what_is_stored(datase
     moved = toy_dataset.move_truth(dataset, np.array([0.2, 0, 0, 0, 0, 0]))
     again = run_trials(moved, [Biased(bias_m=0.2)], jobs=0)
     assert len(again.trials) == 8
-    assert {t.groundtruth_version for t in again.trials} == {moved.info.groundtruth_version}
+    assert {t.groundtruth_version for t in again.trials} == {p.pose_version for p in moved.poses}
     assert again.trials[0].translation_error_m < 0.1
 
 

@@ -69,8 +69,7 @@ def make(
 
 def write_truth(path: Path, info: DatasetInfo, poses: list[PoseRecord]) -> Dataset:
     """Write poses and dataset.json, and open the data set."""
-    version = schema.groundtruth_version(poses)
-    poses = [replace(pose, groundtruth_version=version) for pose in poses]
+    version, poses = schema.groundtruth_version(poses), schema.versioned(poses)
     write_parquet(path / schema.POSES, schema.poses_table(poses))
     write_json(path / schema.INFO, replace(info, groundtruth_version=version).to_dict())
     return Dataset.open(path)

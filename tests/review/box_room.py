@@ -187,7 +187,7 @@ def add_results(dataset: Dataset, trials: int = 1) -> list[TrialResult]:
                 init_rotation_deg=protocol.init_rotation_deg,
                 init_translation_m=protocol.init_translation_m,
                 T_camera_lidar_initial=protocol.initial_guess(T, (record.pair_id,), trial),
-                groundtruth_version=pose.groundtruth_version,
+                groundtruth_version=pose.pose_version,
                 seconds=0.5,
             )
             slight = se3.exp(np.array([5, -3, 2, 1, 1, -1]) * 1e-3 * (1 + trial))

@@ -74,7 +74,7 @@ def test_results_against_another_ground_truth_are_renewed_and_named(tmp_path):
         replace(
             pose,
             T_camera_lidar=se3.exp([0.05, 0, 0, 0, 0, 0]) @ pose.T_camera_lidar,
-            groundtruth_version="later",
+            pose_version="later",
         )
         for pose in dataset.poses
     ]
