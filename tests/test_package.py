@@ -37,6 +37,7 @@ FLOORS = {
     "evaluation": 4,
     "report": 5,
     "review": 5,
+    "reproduce": 5,
     "cli": 6,
     "__init__": 7,
     "__main__": 7,

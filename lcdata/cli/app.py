@@ -14,6 +14,7 @@ from lcdata.cli import (
     handeye,
     info,
     report,
+    reproduce,
     review,
     simulate,
     validate,
@@ -52,7 +53,19 @@ def options(
     """Options that stand before a command."""
 
 
-for module in (build, info, simulate, calibrate, groundtruth, handeye, report, review, validate):
+COMMANDS = (
+    build,
+    info,
+    simulate,
+    calibrate,
+    groundtruth,
+    handeye,
+    report,
+    review,
+    reproduce,
+    validate,
+)
+for module in COMMANDS:
     name = module.__name__.rpartition(".")[2]
     app.command(name, epilog=f"Example:  {module.EXAMPLE}")(getattr(module, name))
 app.add_typer(arm.app)

@@ -4,6 +4,8 @@ Equation numbers are those of PLK-Calib (Zhang, Xu, Ren), with its misprints put
 through p1 and p2 is n = p1 x p2, v = p2 - p1. Derivatives belong to the left perturbation of
 `lcdata.geometry.se3`, T <- exp(rho, theta) T, in which they are shorter than in print: with
 R <- Exp(d) R and p <- p + dp, rho = dp + [p]x d, and -[Rn]x - [p]x[Rv]x of (6) becomes -[n_C]x.
+
+Shapes may have any leading dimensions, the same for poses and lines: (B, 4, 4) with (B, N, 3).
 """
 
 from __future__ import annotations
@@ -25,8 +27,8 @@ def from_points(segments: ArrayLike) -> tuple[Array, Array]:
     """
     segments = np.asarray(segments, float)
     return (
-        np.cross(segments[:, 0], segments[:, 1]),
-        segments[:, 1] - segments[:, 0],
+        np.cross(segments[..., 0, :], segments[..., 1, :]),
+        segments[..., 1, :] - segments[..., 0, :],
     )
 
 
@@ -42,8 +44,9 @@ def transform(T_camera_lidar: ArrayLike, n: Array, v: Array) -> tuple[Array, Arr
         n_C, v_C: (N, 3) each, in the camera frame.
     """
     T = np.asarray(T_camera_lidar, float)
-    v_camera = v @ T[:3, :3].T
-    return n @ T[:3, :3].T + np.cross(T[:3, 3], v_camera), v_camera
+    R_transposed = np.swapaxes(T[..., :3, :3], -1, -2)
+    v_camera = v @ R_transposed
+    return n @ R_transposed + np.cross(T[..., None, :3, 3], v_camera), v_camera
 
 
 def line_matrix(K: ArrayLike) -> Array:
@@ -67,10 +70,10 @@ def back_project(K: ArrayLike, image_segments: ArrayLike) -> Array:
         (N, 3) unit n' in the camera frame.
     """
     segments = np.asarray(image_segments, float)
-    homogeneous = np.concatenate([segments, np.ones((*segments.shape[:2], 1))], 2)
+    homogeneous = np.concatenate([segments, np.ones((*segments.shape[:-1], 1))], -1)
     bearings = homogeneous @ np.linalg.inv(np.asarray(K, float)).T
-    normals = np.cross(bearings[:, 0], bearings[:, 1])
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.cross(bearings[..., 0, :], bearings[..., 1, :])
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.asarray(normals / np.maximum(length, 1e-300))
 
 
@@ -92,16 +95,19 @@ def projection_residuals(
     n_camera, v_camera = transform(T_camera_lidar, n, v)
     K_l = line_matrix(K)
     line = n_camera @ K_l.T
-    length = np.maximum(np.hypot(line[:, 0], line[:, 1]), 1e-300)
-    line /= length[:, None]
-    residuals = np.einsum("nkc,nc->nk", image_segments, line[:, :2]) + line[:, 2:]
+    length = np.maximum(np.hypot(line[..., 0], line[..., 1]), 1e-300)[..., None]
+    line /= length
+    residuals = np.einsum("...kc,...c->...k", image_segments, line[..., :2]) + line[..., 2:]
     # dr/dl = (x - r [l1 l2 0]/s) / s, with l already divided by s.
-    by_line = np.empty((len(n), 2, 3))
-    by_line[:, :, :2] = image_segments - residuals[:, :, None] * line[:, None, :2]
-    by_line[:, :, 2] = 1.0
-    by_normal = (by_line / length[:, None, None]) @ K_l
+    by_line = np.ones((*residuals.shape, 3))
+    by_line[..., :2] = image_segments - residuals[..., None] * line[..., None, :2]
+    by_normal = (by_line / length[..., None]) @ K_l
     jacobian = np.concatenate(
-        [np.cross(v_camera[:, None], by_normal), np.cross(n_camera[:, None], by_normal)], 2
+        [
+            np.cross(v_camera[..., None, :], by_normal),
+            np.cross(n_camera[..., None, :], by_normal),
+        ],
+        -1,
     )
     return residuals, jacobian
 
@@ -117,5 +123,5 @@ def co_perpendicular_residuals(R: ArrayLike, v: Array, n_image: Array) -> tuple[
     Returns:
         r': (N,), and J: (N, 3) its derivative by theta of R <- Exp(theta) R.
     """
-    v_camera = v @ np.asarray(R, float).T
-    return np.einsum("nc,nc->n", n_image, v_camera), np.cross(v_camera, n_image)
+    v_camera = v @ np.swapaxes(np.asarray(R, float), -1, -2)
+    return np.einsum("...c,...c->...", n_image, v_camera), np.cross(v_camera, n_image)

@@ -1,0 +1,59 @@
+"""An experiment's outcome as JSON, Markdown and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import lcdata
+from lcdata.dataset.atomic import json_text, write_bytes
+from lcdata.reproduce.experiment import Outcome, Table
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
+    """Write `<name>.json`, `<name>.md` and a CSV for each table.
+
+    Returns:
+        The files.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    content = {
+        "experiment": outcome.name,
+        "source": outcome.source,
+        "protocol": outcome.protocol,
+        "lcdata_version": lcdata.__version__,
+        "values": outcome.values,
+        "tables": [
+            {"title": t.title, "header": t.header, "rows": t.rows, "note": t.note}
+            for t in outcome.tables
+        ],
+    }
+    files = {folder / f"{outcome.name}.json": json_text(content)}
+    files[folder / f"{outcome.name}.md"] = markdown(outcome)
+    for number, table in enumerate(outcome.tables):
+        suffix = f"-{number + 1}" if len(outcome.tables) > 1 else ""
+        files[folder / f"{outcome.name}{suffix}.csv"] = _csv(table)
+    for path, text in files.items():
+        write_bytes(path, text.encode())
+    return list(files)
+
+
+def markdown(outcome: Outcome) -> str:
+    """The outcome as a Markdown page."""
+    parts = [f"# {outcome.name}", f"{outcome.source}.", outcome.protocol]
+    for table in outcome.tables:
+        rows = [table.header, ("---",) * len(table.header), *table.rows]
+        lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+        parts += [f"## {table.title}", "\n".join(lines)]
+        parts += [table.note] if table.note else []
+    return "\n\n".join(parts) + "\n"
+
+
+def _csv(table: Table) -> str:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([table.header, *table.rows])
+    return text.getvalue()
