@@ -201,12 +201,10 @@ class JointLog:
         begin, end = int(self.stamps_ns[0]), int(self.stamps_ns[-1])
         if begin <= last and first <= end:
             return
-        aligned = self.options.clock_offset_s + (first - begin) * 1e-9
         raise RecordingError(
             f"{self.table.path}: its stamps, {begin * 1e-9:.3f} to {end * 1e-9:.3f} s, are not of "
             f"the time of scans and images, {first * 1e-9:.3f} to {last * 1e-9:.3f} s",
-            "set joint_log.clock_offset_s in the rig, seconds to add to the log's stamps "
-            f"({aligned:.3f} would let both begin at once)",
+            "set joint_log.clock_offset_s in the rig: the sensors' clock minus the log's",
         )
 
     @property
@@ -230,7 +228,7 @@ class JointLog:
         return (
             f"{table.path.name}: {len(table.rows)} samples, {style} ({_listed(table.joints)}), "
             f"angles in {unit} ({reason}), stamps {table.stamp.written} in {self.stamp_unit}, "
-            f"clock offset {self.options.clock_offset_s:+g} s"
+            f"clock offset {self.options.clock_offset_s:+.6f} s"
         )
 
 
