@@ -40,6 +40,7 @@ def bearings(camera: Camera, pixels: Array) -> Array:
         for start in range(0, len(pixels), _BLOCK):
             block = slice(start, start + _BLOCK)
             result[block] = _bearings(camera, pixels[block])
+    result[np.isnan(result).any(axis=1)] = np.nan
     return result
 
 

@@ -175,7 +175,7 @@ class Camera:
                 block = slice(start, start + _BLOCK)
                 x, y, z = np.ascontiguousarray(points[block].T)
                 u, v, *slopes = formulas.FORMULAS[model](p, x, y, z)
-                impossible = ~formulas.can_project(model, p, x, y, z)
+                impossible = ~(formulas.can_project(model, p, x, y, z) & np.isfinite(u + v))
                 pixels[block, 0], pixels[block, 1] = u, v
                 jacobian[block] = np.stack(slopes, axis=-1).reshape(-1, 2, 3)
                 pixels[block][impossible] = np.nan
@@ -193,7 +193,7 @@ class Camera:
 
         pixels = np.full((len(points), 2), np.nan)
         with np.errstate(invalid="ignore"):
-            usable = points[:, 2] > formulas.NEAR
+            usable = (points[:, 2] > formulas.NEAR) & np.isfinite(points[:, 0] + points[:, 1])
         if usable.any():
             front = points[usable]
             zero = np.zeros(3)

@@ -82,7 +82,7 @@ def can_project(model: int, p: Array, x: Value, y: Value, z: Value) -> Value:
     and for distorted ones.
     """
     if model in (PINHOLE, ATAN):
-        return z > NEAR
+        return (z > NEAR) & (np.abs(x + y) < np.inf)
     square = x * x + y * y
     limit = p[LIMIT]
     distance = np.sqrt(square + z * z)

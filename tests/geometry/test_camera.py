@@ -14,6 +14,9 @@ CAMERAS = [
     Camera("pinhole", 1280, 720, (530, 531, 640.2, 355.5), PLUMB_BOB),
     Camera("pinhole", 1280, 720, (530, 531, 640.2, 355.5), RATIONAL),
     Camera("fisheye", 1280, 720, (530, 531, 640.2, 355.5), (0.02, -0.01, 0.003, -0.0004)),
+    Camera("atan", 1280, 720, (530, 531, 640.2, 355.5), (0.93,)),
+    Camera("omni", 1280, 720, (1.2, 1100, 1101, 640.2, 355.5), (-0.1, 0.05, 0.001, -0.0005)),
+    Camera("equirectangular", 2400, 1200),
 ]
 
 
@@ -28,7 +31,7 @@ def test_bearings_project_back_to_their_pixels(camera):
     np.testing.assert_allclose(back, pixels, atol=2e-3)
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("camera", CAMERAS[:4])
 def test_projection_equals_opencv(camera):
     points = np.random.default_rng(2).uniform([-1, -0.6, 2], [1, 0.6, 9], (200, 3))
     D = np.array(camera.distortion or (0.0,) * 4)
