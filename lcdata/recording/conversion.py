@@ -130,7 +130,7 @@ def _compressed_image(message: Any, stamp_ns: int, bag_ns: int) -> Image:
 
 
 def _camera_info(message: Any, stamp_ns: int, bag_ns: int) -> CameraInfo:
-    ros1 = hasattr(message, "K")
+    ros1, roi = hasattr(message, "K"), message.roi
     return CameraInfo(
         stamp_ns,
         bag_ns,
@@ -140,6 +140,8 @@ def _camera_info(message: Any, stamp_ns: int, bag_ns: int) -> CameraInfo:
         int(message.width),
         np.array(message.K if ros1 else message.k, np.float64),
         np.array(message.D if ros1 else message.d, np.float64),
+        (int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height)),
+        (int(message.binning_x), int(message.binning_y)),
     )
 
 

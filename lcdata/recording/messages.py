@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.errors import GeometryError
 from lcdata.geometry.camera import Camera
 from lcdata.recording import fields, images
 
@@ -113,10 +114,13 @@ class CameraInfo(Message):
 
     Args:
         distortion_model: `plumb_bob`, `rational_polynomial`, `equidistant`.
-        height: Pixels.
-        width: Pixels.
-        k: (9,) row-major intrinsic matrix.
+        height: Pixels of the sensor as calibrated.
+        width: The same.
+        k: (9,) row-major intrinsic matrix, of the whole sensor.
         d: Distortion coefficients.
+        roi: x, y, width and height of the part of the sensor that the images show, before
+            binning; no width or height for all of it.
+        binning: Pixels of the sensor, across and down, that make one of the image; 0 as 1.
     """
 
     distortion_model: str
@@ -124,14 +128,33 @@ class CameraInfo(Message):
     width: int
     k: Array
     d: Array
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0)
+    binning: tuple[int, int] = (1, 1)
 
     def camera(self) -> Camera:
-        """The camera model.
+        """The camera model of the images: a part of the sensor, binned.
 
         Raises:
-            GeometryError: Unknown distortion model, or a camera that was never calibrated.
+            GeometryError: Unknown distortion model, a camera that was never calibrated, or a region
+                of interest outside the sensor.
         """
-        return Camera.from_ros(self.distortion_model, self.width, self.height, self.k, self.d)
+        camera = Camera.from_ros(self.distortion_model, self.width, self.height, self.k, self.d)
+        x, y, width, height = self.roi if all(self.roi[2:]) else (0, 0, self.width, self.height)
+        if x + width > self.width or y + height > self.height:
+            raise GeometryError(
+                f"a region of interest of {width}x{height} pixels at {x}, {y} of a camera info for "
+                f"{self.width}x{self.height}"
+            )
+        across, down = (max(1, factor) for factor in self.binning)
+        columns, rows = width // across, height // down
+        *others, cx, cy = camera.intrinsics
+        part = replace(
+            camera,
+            width=columns * across,
+            height=rows * down,
+            intrinsics=(*others, cx - x, cy - y),
+        )
+        return part if (across, down) == (1, 1) else part.resized(columns, rows)
 
 
 @dataclass(frozen=True, eq=False)

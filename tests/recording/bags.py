@@ -104,18 +104,22 @@ class Messages:
         )
 
     def camera_info(
-        self, stamp: int, width: int, height: int, d: Iterable[float] = (), model: str = "plumb_bob"
+        self,
+        stamp: int,
+        width: int,
+        height: int,
+        d: Iterable[float] = (),
+        model: str = "plumb_bob",
+        roi: tuple[int, int, int, int] = (0, 0, 0, 0),
+        binning: tuple[int, int] = (0, 0),
     ) -> Any:
         k = np.array([500.0, 0, width / 2, 0, 500.0, height / 2, 0, 0, 1])
         p = np.hstack([k.reshape(3, 3), np.zeros((3, 1))]).reshape(-1)
         names = "DKRP" if self.ros1 else "dkrp"
         arrays = dict(zip(names, (np.array([*d], float), k, np.eye(3).reshape(-1), p), strict=True))
-        roi = self.make(
+        region = self.make(
             "sensor_msgs/msg/RegionOfInterest",
-            x_offset=0,
-            y_offset=0,
-            height=0,
-            width=0,
+            **dict(zip(("x_offset", "y_offset", "width", "height"), roi, strict=True)),
             do_rectify=False,
         )
         return self.make(
@@ -124,9 +128,9 @@ class Messages:
             height=height,
             width=width,
             distortion_model=model,
-            binning_x=0,
-            binning_y=0,
-            roi=roi,
+            binning_x=binning[0],
+            binning_y=binning[1],
+            roi=region,
             **arrays,
         )
 
