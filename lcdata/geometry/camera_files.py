@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lcdata.errors import GeometryError
 from lcdata.geometry.camera import Camera
+
+Array = NDArray[np.float64]
 
 ROS_MODELS = {
     "plumb_bob": ("pinhole", (4, 5)),
@@ -86,6 +88,26 @@ def camera_of_info(
         intrinsics = np.append(coefficients[4], intrinsics)
         coefficients = coefficients[:4]
     return Camera(model, int(width), int(height), tuple(intrinsics), tuple(coefficients))
+
+
+def info_of_camera(camera: Camera) -> tuple[str, Array, Array]:
+    """A camera as a `sensor_msgs/CameraInfo` says it; `camera_of_info` reads it back.
+
+    Returns:
+        Its distortion_model, (9,) K and D; K is zero of a panorama, which has none.
+    """
+    d = np.array(camera.distortion)
+    if camera.model == "equirectangular":
+        return camera.model, np.zeros(9), d
+    if camera.model == "omni":
+        padded = camera.distortion or (0.0,) * 4
+        return "omnidirectional", camera.K.reshape(-1), np.array([*padded, camera.intrinsics[0]])
+    name = "rational_polynomial" if len(d) > 5 else "plumb_bob"
+    return (
+        {"fisheye": "equidistant", "atan": "fov"}.get(camera.model, name),
+        camera.K.reshape(-1),
+        d,
+    )
 
 
 def read_kalibr(path: Path, cam: str) -> Camera:

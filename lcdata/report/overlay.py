@@ -74,11 +74,16 @@ def draw_overlay(
 def _project(
     pair: Pair, T_camera_lidar: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels (N, 2) and depths (N,) of the points that are inside the image."""
+    """Pixels (N, 2) of the points that are inside the image, and depths (N,).
+
+    A lens that sees to the side and behind has distances instead.
+    """
     points = pair.points[np.isfinite(pair.points).all(axis=1)]
     in_camera = se3.apply(T_camera_lidar, points)
     pixels, inside = pair.camera.project(in_camera)
-    return pixels[inside], in_camera[inside, 2]
+    seen = in_camera[inside]
+    pinhole = pair.camera.model == "pinhole"
+    return pixels[inside], seen[:, 2] if pinhole else np.linalg.norm(seen, axis=1)
 
 
 def _dot(points: int, size: tuple[int, int]) -> list[tuple[int, int]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lcdata.errors import SimulationError
 from lcdata.geometry.camera import Camera
+from lcdata.geometry.camera_files import info_of_camera
 from lcdata.simulation.lidar import POINT
 
 Format = Literal["ros1", "mcap", "sqlite3"]
@@ -151,12 +152,13 @@ class Bag:
         self._write(IMAGE, "sensor_msgs/msg/Image", bag_ns, message)
 
     def camera_info(self, stamp_ns: int, bag_ns: int, camera: Camera) -> None:
-        """Intrinsics and distortion (plumb_bob)."""
+        """Intrinsics and distortion."""
+        distortion_model, k, d = info_of_camera(camera)
         P = np.zeros((3, 4))
-        P[:, :3] = camera.K
+        P[:, :3] = k.reshape(3, 3)
         values = {
-            "d": np.array(camera.distortion),
-            "k": camera.K.reshape(-1),
+            "d": d,
+            "k": k,
             "r": np.eye(3).reshape(-1),
             "p": P.reshape(-1),
         }
@@ -167,7 +169,7 @@ class Bag:
             header=self._header(CAMERA_INFO, stamp_ns, CAMERA_FRAME),
             height=camera.height,
             width=camera.width,
-            distortion_model="plumb_bob",
+            distortion_model=distortion_model,
             binning_x=0,
             binning_y=0,
             roi=roi(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),

@@ -10,8 +10,18 @@ import pytest
 
 from lcdata.errors import GeometryError, RigError
 from lcdata.geometry.camera import Camera
+from lcdata.geometry.camera_files import info_of_camera
 from lcdata.rig import Rig, load_rig
 
+CAMERAS = {
+    "pinhole": Camera("pinhole", 640, 480, (500, 501, 320, 240)),
+    "plumb_bob": Camera("pinhole", 640, 480, (500, 501, 320, 240), (0.1, 0.2, 0.3, 0.4, 0.5)),
+    "rational": Camera("pinhole", 640, 480, (500, 501, 320, 240), (0.1,) * 8),
+    "fisheye": Camera("fisheye", 640, 480, (500, 501, 320, 240), (0.1, 0.2, 0.3, 0.4)),
+    "atan": Camera("atan", 640, 480, (500, 501, 320, 240), (0.9,)),
+    "omni": Camera("omni", 640, 480, (1.1, 500, 501, 320, 240), (0.1, 0.2, 0.3, 0.4)),
+    "equirectangular": Camera("equirectangular", 1920, 960),
+}
 K = [500, 0, 320, 0, 501, 240, 0, 0, 1]
 
 CAMCHAIN = """
@@ -87,6 +97,12 @@ def test_xi_of_a_driver_comes_last(name):
     assert Camera.from_ros(name, 640, 480, K, [0, 0, 0, 0, 1.2]).intrinsics[0] == 1.2
     with pytest.raises(GeometryError, match=r"4 coefficients: give 5: k1 k2 p1 p2 xi"):
         Camera.from_ros(name, 640, 480, K, [0.1, 0.2, 0.3, 0.4])
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_camera_info_gives_the_camera_back(camera):
+    name, k, d = info_of_camera(camera)
+    assert Camera.from_ros(name, camera.width, camera.height, k, d) == camera
 
 
 def test_a_panorama_needs_no_matrix():
