@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lcdata.geometry.camera_models import MODELS
+
 if TYPE_CHECKING:
     from lcdata.recording.summary import Summary
 
@@ -76,11 +78,12 @@ def _sensors(summary: Summary) -> list[str]:
             f"  image      {image.width}x{image.height}, {image.encoding}, frame {image.frame!r}"
         )
     if camera := summary.camera:
+        names = " ".join(MODELS[camera["model"]].intrinsics)
         numbers = " ".join(f"{value:.6g}" for value in camera["intrinsics"])
         distortion = " ".join(f"{value:.4g}" for value in camera["distortion"]) or "none"
         lines.append(
             f"  camera     {camera['model']} {camera['width']}x{camera['height']} "
-            f"({camera['source']}), fx fy cx cy {numbers}, distortion {distortion}"
+            f"({camera['source']}), {names} {numbers}, distortion {distortion}"
         )
     if summary.transforms:
         lines.append(f"  transforms {', '.join(summary.transforms)}")
