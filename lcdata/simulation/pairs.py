@@ -38,6 +38,7 @@ def render_pair(
     scans: int | None = None,
     moving: bool = False,
     camera: Camera | None = None,
+    T_camera_lidar: NDArray[np.float64] | None = None,
     width: int = 1280,
     height: int = 720,
 ) -> Pair:
@@ -57,6 +58,8 @@ def render_pair(
         moving: A hand moves the LiDAR up and down; its scans are merged by its true motion, at
             every point's own time, into the frame that it started from.
         camera: Any model; by default a ZED 2i of `width` x `height`.
+        T_camera_lidar: 4x4 extrinsic of a camera that is fixed to the LiDAR; None for the one on
+            the arm, whose extrinsic follows from the pose.
         width: Image width in pixels.
         height: Image height in pixels.
 
@@ -79,7 +82,7 @@ def render_pair(
     camera = camera or cameras.zed2i(width, height)
     pose_id = f"{scenario}/pose_{pose_index:03d}"
     return Pair(
-        image=world.picture(around, camera, positions, pose_index, pair_index),
+        image=world.picture(around, camera, positions, pose_index, pair_index, T_camera_lidar),
         points=points,
         intensity=intensity,
         camera=camera,
@@ -88,7 +91,9 @@ def render_pair(
         pair_id=f"{pose_id}/{pair_index:03d}",
         pose_id=pose_id,
         scenario=scenario,
-        T_camera_lidar=world.T_camera_lidar(positions),
+        T_camera_lidar=(
+            world.T_camera_lidar(positions) if T_camera_lidar is None else T_camera_lidar
+        ),
         covariance=np.zeros((6, 6)),
     )
 

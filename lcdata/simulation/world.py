@@ -141,8 +141,11 @@ class World:
         positions: Array,
         pose_index: int,
         pair_index: int,
+        T_camera_lidar: Array | None = None,
     ) -> NDArray[np.uint8]:
-        """One image, (H, W, 3) RGB, with the arm at joint positions."""
+        """One image, (H, W, 3) RGB, with the arm at joint positions, or of another camera."""
         rng = scenario_rng(self.seed, self.scenario, _CAMERA, pose_index, pair_index)
         T_world_camera = self.T_world_base @ self.T_base_camera(positions)
+        if T_camera_lidar is not None:
+            T_world_camera = self.T_world_lidar @ se3.inverse(T_camera_lidar)
         return cameras.render(around, self.scene.light, camera, T_world_camera, rng)

@@ -176,3 +176,19 @@ def test_hand_motion_differs_from_pair_to_pair() -> None:
     world = World("gym", 2, default_rig())
     first, second = (world.hand_motion(0, k)(np.array([1.0])) for k in (0, 1))
     assert np.abs(first - second).max() > 0.01
+
+
+def test_a_camera_fixed_to_the_lidar_has_the_extrinsic_that_was_asked_for():
+    turned = np.array([[0, -1, 0, 0.05], [0, 0, -1, 0.12], [1, 0, 0, -0.08], [0, 0, 0, 1.0]])
+    small = {"lidar": "os1_64", "columns": 512, "width": 320, "height": 180}
+    first, second = (
+        render_pair(scene, seed=seed, T_camera_lidar=turned, **small)
+        for scene, seed in (("gym", 3), ("yard", 4))
+    )
+    for pair in (first, second):
+        np.testing.assert_array_equal(pair.T_camera_lidar, turned)
+        _, inside = pair.camera.project(pair.points @ turned[:3, :3].T + turned[:3, 3])
+        assert inside.mean() > 0.15
+    on_arm = render_pair("gym", seed=3, **small)
+    again = render_pair("gym", seed=3, T_camera_lidar=on_arm.T_camera_lidar, **small)
+    assert np.mean(again.image != on_arm.image) < 0.001
