@@ -17,8 +17,10 @@ from lcdata.dataset.schema import PairRecord, PoseRecord, Scenario
 from lcdata.errors import ArmError, GeometryError, RecordingError
 from lcdata.geometry.camera import Camera
 from lcdata.groundtruth.chain import PoseTruth, arm_truth, static_truth
+from lcdata.recording.clock_report import ClockReport, compare_clocks, with_consequence
+from lcdata.recording.clocks import apart, clocks
 from lcdata.recording.dwells import find_dwells
-from lcdata.recording.inspection import clocks, no_dwell
+from lcdata.recording.inspection import no_dwell
 from lcdata.recording.messages import Cloud, Message, intensity_field
 from lcdata.recording.plan import PosePlan, plan_poses
 from lcdata.recording.source import Recording
@@ -72,6 +74,9 @@ def package(
     """
     topics = choose_topics(recording, rig)
     surveyed = survey(recording, topics, arm)
+    report = None
+    if arm is not None:
+        surveyed, report = compare_clocks(recording, topics, surveyed, arm, rig)
     dwells = find_dwells(surveyed.joint_ns, surveyed.positions, rig.dwells) if arm else None
     plans = plan_poses(
         recording.scenario,
@@ -81,17 +86,22 @@ def package(
         pairs_per_pose=pairs_per_pose,
     )
     if not any(len(plan.lidar_ns) for plan in plans):
+        if far := apart(topics, surveyed):
+            raise RecordingError(f"{recording.path}: no pair: {far}")
         raise RecordingError(
             f"{recording.path}: {_no_pairs(plans, surveyed, rig)}",
             "`lcdata info` shows clocks, rates and dwells",
         )
+    if report is not None and arm is not None:
+        report = with_consequence(report, surveyed, plans, arm, rig)
     cloud, image = (_first(recording, topic) for topic in (topics.lidar, topics.image))
     scenario = Scenario(
         camera=_camera(recording, rig, topics, surveyed),
         topics={role: getattr(topics, role) for role in Topics.__dataclass_fields__},
         lidar_frame=cloud.frame_id,
         camera_frame=image.frame_id,
-        warnings=tuple(_warnings(recording, topics, surveyed, cloud)),
+        warnings=tuple(_warnings(recording, topics, surveyed, cloud, report)),
+        clock_offset=report.to_dict() if report else None,
     )
     truths, without_truth = _ground_truth(recording, rig, arm, plans, scenario)
     pairs, unusable = write_pairs(
@@ -177,13 +187,19 @@ def _first(recording: Recording, topic: str) -> Message:
 
 
 def _warnings(
-    recording: Recording, topics: Topics, surveyed: Survey, cloud: Message
+    recording: Recording,
+    topics: Topics,
+    surveyed: Survey,
+    cloud: Message,
+    report: ClockReport | None,
 ) -> Iterator[str]:
     """What does not stop the build, and a user should know."""
     if recording.stamps == "header":
         for clock in clocks(topics, surveyed):
             if clock.note:
                 yield f"{recording.path}: topic {clock.topic}: {clock.note}"
+    if report is not None and report.warning:
+        yield f"{recording.path}: {report.warning}"
     log = recording.joint_log
     if log is not None and log.topic == topics.joint_states and log.note:
         yield log.note

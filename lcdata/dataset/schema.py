@@ -131,6 +131,9 @@ class Scenario:
         lidar_frame: `frame_id` of the clouds.
         camera_frame: `frame_id` of the images.
         warnings: What a user should know about it, a line each.
+        clock_offset: Clock of the arm minus the camera's as measured (`offset_s`, `std_s`), what
+            was taken out of the joints' stamps (`applied_s`), and what the rest does to pairs, see
+            `recording.clock_report`; None without an arm and in older data sets.
     """
 
     camera: Camera
@@ -138,6 +141,7 @@ class Scenario:
     lidar_frame: str = ""
     camera_frame: str = ""
     warnings: tuple[str, ...] = ()
+    clock_offset: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -211,6 +215,7 @@ class DatasetInfo:
                     lidar_frame=scenario["lidar_frame"],
                     camera_frame=scenario["camera_frame"],
                     warnings=tuple(scenario["warnings"]),
+                    clock_offset=scenario.get("clock_offset"),
                 )
                 for name, scenario in values["scenarios"].items()
             }

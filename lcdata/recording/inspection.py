@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from lcdata.errors import ArmError, GeometryError, LcdataError, RecordingError, TopicError
 from lcdata.recording import fields
+from lcdata.recording.clock_report import ClockReport, compare_clocks, with_consequence
+from lcdata.recording.clocks import apart, clocks
 from lcdata.recording.dwells import find_dwells, speed
 from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.plan import PosePlan, plan_poses
 from lcdata.recording.source import Recording
 from lcdata.recording.summary import (
-    ClockSummary,
     CloudSummary,
     ImageSummary,
     PoseSummary,
@@ -31,12 +32,6 @@ if TYPE_CHECKING:
     from lcdata.rig import Rig
 
 Stamps = NDArray[np.int64]
-
-YEAR_2001_NS = 10**18
-"""Header stamps before it come from a clock that was never set."""
-
-CLOCK_LIMIT_S = 1.0
-"""No driver and no network delays a message for longer."""
 
 
 def inspect(summary: Summary, recording: Recording, rig: Rig | None) -> None:
@@ -86,7 +81,10 @@ def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | Non
     _look_at_transforms(summary, recording, rig)
     if rig is None and summary.joint_names and (summary.arm_model or not summary.T_camera_lidar):
         summary.ground_truth = "arm"
-    _plan(summary, surveyed, arm, rig)
+    report = None
+    if arm is not None and rig is not None:
+        surveyed, report = compare_clocks(recording, topics, surveyed, arm, rig)
+    _plan(summary, topics, surveyed, arm, rig, report)
 
 
 def _find_arm(
@@ -135,34 +133,6 @@ def _topics(
         if len(steps := np.diff(stamps.get(name, np.empty(0, np.int64)))):
             rate, gap = 1e9 / float(np.median(steps)), float(steps.max()) * 1e-9
         found.append(TopicSummary(name, info.type, info.count, roles.get(name, ""), rate, gap))
-    return found
-
-
-def clocks(topics: Topics, surveyed: Survey) -> list[ClockSummary]:
-    """How far the sensors' clocks are from the recorder's."""
-    first = {topics.lidar: surveyed.lidar_ns, topics.image: surveyed.image_ns}
-    if topics.joint_states:
-        first[topics.joint_states] = surveyed.joint_ns
-    found = []
-    for topic, stamps in first.items():
-        difference = surveyed.clock_ns.get(topic, np.empty(0, np.int64))
-        if not len(difference) or not len(stamps):
-            continue
-        median, largest = np.median(difference) * 1e-9, np.abs(difference).max() * 1e-9
-        note = ""
-        if not stamps.any():
-            note = "its header stamps are all 0: set `stamps: bag` in the rig"
-        elif stamps[0] < YEAR_2001_NS:
-            note = (
-                f"its clock does not start in 1970, the first stamp is {stamps[0] * 1e-9:.3f} s: "
-                "set `stamps: bag` in the rig unless all sensors share that clock"
-            )
-        elif abs(median) > CLOCK_LIMIT_S:
-            note = (
-                f"its clock is {median:+.3f} s off the recorder's: set `stamps: bag` in the rig "
-                "unless all sensors share that clock"
-            )
-        found.append(ClockSummary(topic, float(median) * 1e3, float(largest) * 1e3, note))
     return found
 
 
@@ -238,7 +208,14 @@ def _look_at_transforms(summary: Summary, recording: Recording, rig: Rig | None)
                 summary.obstacles.append(str(error))
 
 
-def _plan(summary: Summary, surveyed: Survey, arm: Arm | None, rig: Rig | None) -> None:
+def _plan(
+    summary: Summary,
+    topics: Topics,
+    surveyed: Survey,
+    arm: Arm | None,
+    rig: Rig | None,
+    report: ClockReport | None,
+) -> None:
     from lcdata.rig import Dwells, Pairing
 
     rules, pairing = (rig.dwells, rig.pairing) if rig else (Dwells(), Pairing())
@@ -250,8 +227,11 @@ def _plan(summary: Summary, surveyed: Survey, arm: Arm | None, rig: Rig | None) 
     poses = plan_poses(summary.scenario, surveyed, dwells, tolerance_ms=pairing.tolerance_ms)
     starts = [s[0] for s in (surveyed.lidar_ns, surveyed.image_ns, surveyed.joint_ns) if len(s)]
     summary.poses = [_pose(pose, int(min(starts)), arm) for pose in poses]
+    if report is not None and arm is not None and rig is not None:
+        summary.clock_offset = with_consequence(report, surveyed, poses, arm, rig)
     if poses and not summary.pairs:
-        reasons = dict.fromkeys(pose.reason for pose in summary.poses)
+        far = apart(topics, surveyed)
+        reasons = [far] if far else dict.fromkeys(pose.reason for pose in summary.poses)
         summary.obstacles.append(f"no pair: {'; '.join(reasons)}")
 
 

@@ -12,6 +12,7 @@ from lcdata.recording.joint_log import open_joint_log
 from lcdata.recording.source import open_recording
 
 if TYPE_CHECKING:
+    from lcdata.recording.clock_report import ClockReport
     from lcdata.rig import Rig
 
 
@@ -88,6 +89,7 @@ class Summary:
         ground_truth: `arm` or `static`: the rig's, or what seems to fit.
         topics: All of them.
         candidates: Names of the topics whose type fits, by role.
+        clock_offset: Clock of the arm against the camera's; None without an arm or its rig.
         obstacles: Why build would take nothing, a line each.
         problems: What is wrong with the file and its messages, a line each.
         rig_yaml: A rig to start from; empty if a rig was given.
@@ -101,6 +103,7 @@ class Summary:
     topics: list[TopicSummary] = field(default_factory=list)
     candidates: dict[str, list[str]] = field(default_factory=dict)
     clocks: list[ClockSummary] = field(default_factory=list)
+    clock_offset: ClockReport | None = None
     cloud: CloudSummary | None = None
     image: ImageSummary | None = None
     camera: dict[str, Any] | None = None
@@ -122,7 +125,8 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {**asdict(self), "pairs": self.pairs}
+        offset = self.clock_offset and self.clock_offset.to_dict()
+        return {**asdict(self), "clock_offset": offset, "pairs": self.pairs}
 
     def lines(self) -> list[str]:
         """Text for a terminal."""

@@ -52,6 +52,7 @@ def _sensors(summary: Summary) -> list[str]:
             f"stamp (median), {clock.largest_ms:.3g} ms at most"
         )
         lines += [f"  !          {clock.note}"] if clock.note else []
+    lines += [f"  clock      {summary.clock_offset.line}"] if summary.clock_offset else []
     lines += [f"  joint log  {summary.joint_log}"] if summary.joint_log else []
     lines += [f"  !          {summary.joint_log_note}"] if summary.joint_log_note else []
     if cloud := summary.cloud:
