@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,8 +22,12 @@ Array = NDArray[np.float64]
 
 __all__ = ["Arm", "find_urdf", "model_directory", "read_joint_offsets"]
 
-LIMIT_TOLERANCE_RAD = np.deg2rad(1.0)
-"""Encoders of an arm at its end stop read a little beyond the limit of the data sheet."""
+LIMIT_TOLERANCE_RAD = np.deg2rad(15.0)
+"""Limits are those of the controller, and an arm moved by hand goes past them: the last joint of a
+real Gen3 lite (149 deg) was read at 157 deg. What is farther out is another unit or arm."""
+
+AT_LIMIT_RAD = np.deg2rad(1.0)
+"""Encoders of an arm at its limit read a little beyond it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +168,28 @@ class Arm:
             )
         return np.asarray(positions[..., [index[name] for name in self.joint_names]])
 
-    def check_limits(self, positions: ArrayLike, tolerance: float = LIMIT_TOLERANCE_RAD) -> None:
-        """Raise `ArmError` where a joint is outside its limits, naming joint, value and limit.
+    def check_limits(self, positions: ArrayLike) -> None:
+        """Raise `ArmError` where a joint is far outside its limits, naming joint, value and limit.
 
         Args:
             positions: (n,) encoder readings in the order of `joint_names`, radians.
-            tolerance: How far beyond a limit is still believed, radians.
+        """
+        for text in self.outside_limits(positions, LIMIT_TOLERANCE_RAD):
+            raise ArmError(
+                text, "is this the right arm model, and are the joint states in radians?"
+            )
+
+    def outside_limits(
+        self, positions: ArrayLike, tolerance: float = AT_LIMIT_RAD
+    ) -> Iterator[str]:
+        """A line for each joint outside its limits.
+
+        Args:
+            positions: (n,) encoder readings in the order of `joint_names`, radians.
+            tolerance: How far beyond a limit is not worth a word, radians.
+
+        Raises:
+            ArmError: A position that is no number.
         """
         for name, value in zip(self.joint_names, np.asarray(positions, float), strict=True):
             if not np.isfinite(value):
@@ -180,10 +200,9 @@ class Arm:
             low = self.model.lowerPositionLimit[joint.idx_q]
             high = self.model.upperPositionLimit[joint.idx_q]
             if not low - tolerance <= value <= high + tolerance:
-                raise ArmError(
+                yield (
                     f"{name} is at {np.rad2deg(value):.2f} deg, outside its limits "
-                    f"[{np.rad2deg(low):.2f}, {np.rad2deg(high):.2f}] deg",
-                    "is this the right arm model, and are the joint states in radians?",
+                    f"[{np.rad2deg(low):.2f}, {np.rad2deg(high):.2f}] deg"
                 )
 
     def configuration(self, positions: ArrayLike) -> Array:

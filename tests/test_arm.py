@@ -98,7 +98,7 @@ def test_continuous_joints_and_frames_of_another_urdf(tmp_path):
     numeric = se3.log(se3.inverse(T) @ arm.forward(q + step)) / 1e-6
     np.testing.assert_allclose(arm.jacobian(q)[:, 0], numeric, atol=1e-5)
     with pytest.raises(ArmError, match="bend is at"):
-        arm.check_limits([0, 2.1])
+        arm.check_limits([0, 2.3])
 
 
 def test_joint_states_come_in_any_order_with_other_devices(arm):
@@ -117,6 +117,14 @@ def test_joints_outside_their_limits_are_named(arm):
     q[2] = np.nan
     with pytest.raises(ArmError, match="joint_3 is at nan"):
         arm.check_limits(q)
+
+
+def test_an_arm_moved_by_hand_goes_past_the_limits_that_its_controller_keeps(arm):
+    q = np.deg2rad([0, 0, 0, 0, 0, -157.1])  # a real one
+    arm.check_limits(q)
+    (text,) = arm.outside_limits(q)
+    assert text == "joint_6 is at -157.10 deg, outside its limits [-148.97, 148.97] deg"
+    assert not list(arm.outside_limits(np.deg2rad([0, 0, 0, 0, 0, -149.5])))
 
 
 def test_joint_offsets_are_added_to_the_readings(arm, tmp_path):

@@ -31,9 +31,6 @@ LINK_STD = (1e-3, np.deg2rad(0.1))
 DISTANCE_STD_M = 5e-4
 """Of the known distance between two sockets: a drilled plate."""
 
-LIMIT_TOLERANCE_RAD = np.deg2rad(15.0)
-"""An arm moved by hand goes past the limits that its controller keeps (a real joint 6 by 8 deg)."""
-
 STEP = 2.5
 """A socket moved if its readings make one step of so many times the scatter that is left."""
 
@@ -204,7 +201,7 @@ def _check(arm: Arm, sockets: Sequence[Socket], unknowns: int) -> None:
             )
         for i, row in enumerate(socket.positions):
             try:
-                arm.check_limits(row, LIMIT_TOLERANCE_RAD)
+                arm.check_limits(row)
             except ArmError as error:
                 raise ArmError(
                     f"{socket} reading {i + 1}: {error.message}", error.remedy
