@@ -57,21 +57,23 @@ def load_arm(rig: Rig) -> Arm:
     return replace(rig.load_arm(), joint_offsets=OFFSETS)
 
 
-def make(path: Path, *, arm: bool = True, pairs: int = 2) -> Dataset:
-    """Two scenarios with two poses each (without an arm one), `pairs` pairs a pose."""
+def make(
+    path: Path, *, arm: bool = True, pairs: int = 2, cameras: dict[str, Camera] = CAMERAS
+) -> Dataset:
+    """Scenarios by their cameras with two poses each (without an arm one), `pairs` pairs a pose."""
     rig = Rig.from_dict(RIG if arm else {"ground_truth": "static"})
     pair_records, pose_records = [], []
-    for s, scenario in enumerate(CAMERAS):
+    for s, scenario in enumerate(cameras):
         for p in range(2 if arm else 1):
             pose = _pose(f"{scenario}/pose_{p:03}", rig, JOINTS[p], 10**9 * (1 + 100 * s + 10 * p))
             pose_records.append(pose)
             for n in range(pairs):
-                pair_records.append(_write_pair(path, pose, n))
+                pair_records.append(_write_pair(path, pose, n, cameras[scenario]))
     info = DatasetInfo(
         rig=rig.to_dict(),
         arm={"model": "gen3_lite", "joint_offsets": OFFSETS} if arm else None,
         sources=(),
-        scenarios={name: Scenario(camera, {}) for name, camera in CAMERAS.items()},
+        scenarios={name: Scenario(camera, {}) for name, camera in cameras.items()},
         simulated=True,
         failures=("den/pose_002: no image within 50 ms",),
     )
@@ -115,7 +117,7 @@ def _walls(directions: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.n
     return ranges[np.arange(len(axis)), axis], axis * 2 + side
 
 
-def _write_pair(path: Path, pose: PoseRecord, number: int) -> PairRecord:
+def _write_pair(path: Path, pose: PoseRecord, number: int, camera: Camera) -> PairRecord:
     pair_id = f"{pose.pose_id}/{number:03}"
     azimuth = np.linspace(np.pi, -np.pi, COLUMNS, endpoint=False)
     elevation = np.deg2rad(np.linspace(22.5, -22.5, RINGS))[:, None]
@@ -132,7 +134,6 @@ def _write_pair(path: Path, pose: PoseRecord, number: int) -> PairRecord:
     cloud_name, cloud_sha, points = writer.write_cloud(
         path, pair_id, Cloud(0, 0, "lidar", records, RINGS, COLUMNS)
     )
-    camera = CAMERAS[pose.scenario]
     pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
     T_lidar_camera = se3.inverse(pose.T_camera_lidar)
     rays = camera.unproject(pixels.reshape(-1, 2)) @ T_lidar_camera[:3, :3].T
