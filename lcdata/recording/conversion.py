@@ -12,6 +12,7 @@ import numpy as np
 from lcdata.errors import GeometryError, MessageError
 from lcdata.geometry import se3
 from lcdata.recording import fields, images
+from lcdata.recording.livox import CUSTOM_CLOUDS, read_custom
 from lcdata.recording.messages import (
     CameraInfo,
     Cloud,
@@ -80,6 +81,8 @@ class Converter:
         """
         if self.encoding == FILE:
             return read_file(raw, stamp_ns, bag_ns)
+        if type_name in CUSTOM_CLOUDS:
+            return read_custom(raw, self.encoding, stamp_ns, bag_ns)
         from rosbags.serde import SerdeError
 
         try:
@@ -173,4 +176,7 @@ READERS: dict[str, Callable[[Any, int, int], Message]] = {
     JOINT_STATE: _joint_state,
     **dict.fromkeys(TRANSFORMS, _transforms),
 }
+"""Readers of the message types that rosbags deserialises."""
+
+READ_TYPES = frozenset({*READERS, *CUSTOM_CLOUDS})
 """Message types we read."""

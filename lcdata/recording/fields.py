@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lcdata.errors import MessageError
 
 INTENSITY_NAMES = ("intensity", "intensities", "reflectivity", "reflectance", "remission", "signal")
-RING_NAMES = ("ring", "channel", "laser_id", "ring_id", "laser_number", "line")
+RING_NAMES = ("ring", "channel", "laser_id", "ring_id", "laser_number")
 TIME_NAMES = (
     "t",
     "time",
@@ -81,6 +81,11 @@ def intensity_name(dtype: np.dtype[Any]) -> str | None:
 def ring_name(dtype: np.dtype[Any]) -> str | None:
     """Name of the field that holds the ring (laser, channel); None without one."""
     return _first_of(RING_NAMES, dtype)
+
+
+def is_livox(dtype: np.dtype[Any]) -> bool:
+    """Whether points are a Livox's, whose scans do not repeat and whose `line` is no ring."""
+    return {"tag", "line"} <= set(dtype.names or ())
 
 
 def _first_of(candidates: tuple[str, ...], dtype: np.dtype[Any]) -> str | None:

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Literal, Self
 
 from lcdata.errors import MessageError, RecordingError
-from lcdata.recording.conversion import READERS, Converter, has_header, header_stamp
+from lcdata.recording.conversion import READ_TYPES, Converter, has_header, header_stamp
 from lcdata.recording.joint_log import JOINT_LOG, JointLog
 from lcdata.recording.messages import Message
 from lcdata.recording.opening import (
@@ -202,7 +202,9 @@ class Recording:
 
     def _usable(self, topic: str) -> bool:
         info = self.topics.get(topic)
-        return info is not None and info.type in READERS and info.encoding in ("ros1", "cdr", FILE)
+        return (
+            info is not None and info.type in READ_TYPES and info.encoding in ("ros1", "cdr", FILE)
+        )
 
     def _note(self, topic: str, problem: str) -> None:
         self._bad[topic] += 1

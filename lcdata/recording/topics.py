@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from lcdata.errors import TopicError
 from lcdata.recording.conversion import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, JOINT_STATE
 from lcdata.recording.joint_log import JOINT_LOG
+from lcdata.recording.livox import CUSTOM_CLOUDS
 from lcdata.recording.source import Recording
 from lcdata.recording.storage import TopicInfo
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from lcdata.rig import Rig
 
 TYPES: dict[str, tuple[str, ...]] = {
-    "lidar": (CLOUD,),
+    "lidar": (CLOUD, *CUSTOM_CLOUDS),
     "image": (IMAGE, COMPRESSED_IMAGE),
     "camera_info": (CAMERA_INFO,),
     "joint_states": (JOINT_STATE, JOINT_LOG),
