@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from lcdata.dataset.build import BuildSummary, build
+from lcdata.dataset.groundtruth_change import Regeneration
+from lcdata.dataset.groundtruth_versions import poses_of, versions
 from lcdata.dataset.reader import Dataset
-from lcdata.dataset.regenerate import Regeneration, poses_of, regenerate, versions
+from lcdata.dataset.regenerate import regenerate
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord
 from lcdata.dataset.validate import validate
 

@@ -7,11 +7,10 @@ goes on from there; a build of anything else is refused, so old and new files ne
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +18,7 @@ from typing import Any, Self
 
 from lcdata import __version__
 from lcdata.dataset import atomic, schema
+from lcdata.dataset.lock import locked
 from lcdata.dataset.schema import PairRecord
 from lcdata.errors import DatasetError
 
@@ -45,13 +45,13 @@ class Journal:
         self.folder = folder
         self.finished: dict[str, PairRecord] = {}
         self._path = folder / NAME
-        self._file = self._path.open("a+b", buffering=0)
-        try:
-            self._lock()
+        with ExitStack() as stack:
+            stack.enter_context(locked(folder))
+            if not force:
+                _refuse_other(folder)
+            self._file = stack.enter_context(self._path.open("a+b", buffering=0))
             self._start(_header(what), force)
-        except BaseException:
-            self._file.close()
-            raise
+            self._held = stack.pop_all()
 
     @classmethod
     def open(cls, folder: Path, what: dict[str, Any], *, force: bool) -> Self:
@@ -66,11 +66,8 @@ class Journal:
             DatasetError: The folder holds something else, or another build is running.
         """
         check_folder(folder)
-        if (folder / schema.INFO).exists() and not force:
-            raise DatasetError(
-                f"{folder} already holds a data set of other recordings, rig or options",
-                "choose another folder with -o, or replace it with --force",
-            )
+        if not force:
+            _refuse_other(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             return cls(folder, what, force=force)
@@ -88,7 +85,7 @@ class Journal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._file.close()
+        self._held.close()
 
     def add(self, record: PairRecord) -> None:
         """Note a pair whose files are complete."""
@@ -104,14 +101,6 @@ class Journal:
         self._path.unlink()
         with suppress(OSError):  # it may have been there before, with something in it
             self.folder.rmdir()
-
-    def _lock(self) -> None:
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise DatasetError(
-                f"another lcdata build is writing {self.folder}", "wait for it to end"
-            ) from error
 
     def _start(self, header: dict[str, Any], force: bool) -> None:
         self._file.seek(0)
@@ -146,6 +135,14 @@ class Journal:
             written = 0
         if written != len(line):
             raise atomic.full_disk(self._path)
+
+
+def _refuse_other(folder: Path) -> None:
+    if (folder / schema.INFO).exists():
+        raise DatasetError(
+            f"{folder} already holds a data set of other recordings, rig or options",
+            "choose another folder with -o, or replace it with --force",
+        )
 
 
 def check_folder(folder: Path) -> None:

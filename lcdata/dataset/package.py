@@ -6,7 +6,7 @@ topics -> stamps and joints -> dwells -> pairs -> ground truth -> files
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -104,6 +104,10 @@ def package(
         clock_offset=report.to_dict() if report else None,
     )
     truths, without_truth = _ground_truth(recording, rig, arm, plans, scenario)
+    if arm is not None:
+        beyond = _beyond_limits(arm, [plan for plan in plans if plan.pose_id in truths])
+        warnings = (*scenario.warnings, *grouped(recording.path, beyond))
+        scenario = replace(scenario, warnings=warnings)
     pairs, unusable = write_pairs(
         recording,
         topics,
@@ -155,6 +159,16 @@ def _ground_truth(
         except ArmError as error:
             failures[plan.pose_id] = str(error)
     return truths, failures
+
+
+def _beyond_limits(arm: Arm, plans: Sequence[PosePlan]) -> dict[str, str]:
+    """What is a little outside the arm's limits, by pose_id: believed, and said."""
+    lines = {
+        plan.pose_id: ", ".join(arm.outside_limits(plan.dwell.positions_mean))
+        for plan in plans
+        if plan.dwell is not None
+    }
+    return {pose_id: line for pose_id, line in lines.items() if line}
 
 
 def _camera(recording: Recording, rig: Rig, topics: Topics, surveyed: Survey) -> Camera:

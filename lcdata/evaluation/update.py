@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lcdata.dataset import Dataset
+from lcdata.dataset.lock import locked
 from lcdata.evaluation.results import FOLDER, read_results, read_run, write_run
 
 
@@ -29,17 +30,18 @@ def update_results(dataset: Dataset) -> Updated:
 
     Raises:
         ReportError: A file that cannot be read.
-        DatasetError: One that cannot be written.
+        DatasetError: One that cannot be written, or another process is writing the data set.
     """
-    paths = sorted((Path(dataset.path) / FOLDER).glob("[!.]*.parquet"))
-    stored = [(path, read_run(path)) for path in paths]
-    trials = lost = 0
-    for path, results in stored:
-        stale = len(results.split_stale(dataset)[1].trials)
-        if not stale:
-            continue
-        again = results.recomputed(dataset)
-        left = len(again.split_stale(dataset)[1].trials)
-        write_run(path, again.trials)
-        trials, lost = trials + stale - left, lost + left
+    with locked(Path(dataset.path)):
+        paths = sorted((Path(dataset.path) / FOLDER).glob("[!.]*.parquet"))
+        stored = [(path, read_run(path)) for path in paths]
+        trials = lost = 0
+        for path, results in stored:
+            stale = len(results.split_stale(dataset)[1].trials)
+            if not stale:
+                continue
+            again = results.recomputed(dataset)
+            left = len(again.split_stale(dataset)[1].trials)
+            write_run(path, again.trials)
+            trials, lost = trials + stale - left, lost + left
     return Updated(trials, lost)

@@ -211,6 +211,16 @@ def test_joints_outside_their_limits_cost_the_pose(tmp_path: Path) -> None:
     assert validate(tmp_path / "out") == []
 
 
+def test_joints_a_little_outside_their_limits_are_believed_with_a_warning(tmp_path: Path) -> None:
+    places = runs.goals(2)
+    places[1, 5] = np.deg2rad(-157.1)
+    source = runs.recordings(tmp_path / "in", run=runs.run(places=places))
+    made = build(source, tmp_path / "out")
+    assert made.poses == 2 and not made.failures
+    (warning,) = made.warnings
+    assert "run/pose_001: joint_6 is at -157.10 deg, outside its limits" in warning
+
+
 def of_another_size(topic: str, number: int, message: Any) -> Any:
     """All images are of another size than CameraInfo."""
     if topic == "/image/compressed":

@@ -95,7 +95,7 @@ def test_two_builds_do_not_write_one_data_set(source: Path, tmp_path: Path) -> N
     process = runs.start_build(source, tmp_path / "out")
     wait_for_pairs(tmp_path / "out", 1, process)
     process.send_signal(signal.SIGSTOP)
-    with pytest.raises(DatasetError, match="another lcdata build"):
+    with pytest.raises(DatasetError, match="another lcdata command"):
         build(source, tmp_path / "out")
     process.kill()
     process.communicate()

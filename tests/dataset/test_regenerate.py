@@ -4,6 +4,8 @@ import copy
 import errno
 import hashlib
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from lcdata.dataset import (
     writer,
 )
 from lcdata.errors import ArmError, DatasetError, RigError
+from lcdata.evaluation import update_results
 from lcdata.geometry import se3
 from lcdata.groundtruth.chain import arm_truth
 from lcdata.rig import Rig
@@ -175,9 +178,11 @@ CAMERA["distortion"] = [0.1, -0.05, 0.0, 0.0, 0.0]
             RigError,
             "ground_truth: static",
         ),
+        ({"clock_offset_s": 0.02}, RigError, "clock_offset_s: 0.02, .* was built with none"),
+        ({"clock_offset_s": "estimate"}, RigError, "build the data set again"),
         ({"arm": {"effector_frame": "forearm_link"}}, ArmError, "has positions of"),
-        ({"arm": {"effector_frame": "nose"}}, ArmError, "nose"),
-        ({"arm": {"model": "ur99"}}, ArmError, "ur99"),
+        ({"arm": {"effector_frame": "nose"}}, ArmError, r"rig.yaml: arm\.effector_frame: .*nose"),
+        ({"arm": {"model": "ur99"}}, ArmError, r"rig.yaml: arm\.model: .*ur99"),
         ({"arm": {"joint_offsets": "gone.yaml"}}, ArmError, "gone.yaml"),
     ],
 )
@@ -302,3 +307,48 @@ def test_a_build_of_the_same_recordings_leaves_the_new_ground_truth(tmp_path):
     forced = build(source, tmp_path / "out", force=True).dataset
     assert versions(forced) == [changed.before]
     assert validate(tmp_path / "out") == []
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from lcdata.dataset.lock import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def writer_at_work(dataset):
+    """Another process that is writing the data set."""
+    command = [sys.executable, "-c", HOLD, str(dataset.path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_two_processes_do_not_write_one_data_set(dataset, write_rig, writer_at_work):
+    before = checksums(dataset.path)
+    rig = write_rig(farther)
+    with pytest.raises(DatasetError, match=r"another lcdata command is writing .*: wait for it"):
+        regenerate(dataset, rig)
+    with pytest.raises(DatasetError, match="another lcdata command is writing"):
+        update_results(dataset)
+    regenerate(dataset, rig, dry_run=True)
+    assert checksums(dataset.path) == before
+    writer_at_work.kill()
+    writer_at_work.wait()
+    regenerate(dataset, rig)
+    assert checksums(dataset.path).keys() - before.keys()
+
+
+def test_a_ground_truth_of_what_another_process_has_changed_is_not_written(dataset, write_rig):
+    late = Dataset.open(dataset.path)
+    regenerate(dataset, write_rig(farther))
+    before = checksums(dataset.path)
+    with pytest.raises(DatasetError, match="was changed by another lcdata command meanwhile"):
+        regenerate(late, write_rig(clock_offset_std_s=0.5))
+    assert checksums(dataset.path) == before
