@@ -139,11 +139,7 @@ class Camera:
             (N, 2) pixels, NaN where a point cannot be projected, and (N,) mask of those that
             the camera sees (in front of it, if its lens does not see behind) inside the image.
         """
-        points = np.asarray(points, float).reshape(-1, 3)
-        if self.model == "pinhole":
-            pixels = self._project_pinhole(points)
-        else:
-            pixels, _ = self._by_formula(points)
+        pixels, _ = self._by_formula(np.asarray(points, float).reshape(-1, 3))
         return pixels, self.contains(pixels)
 
     def project_jacobian(self, points: ArrayLike) -> tuple[Array, Array, Mask]:
@@ -186,28 +182,6 @@ class Camera:
     def formula(self) -> tuple[int, Array]:
         """Which of the formulas projects the camera's points, and the numbers that it takes."""
         return formulas.model_id(self), formulas.parameters(self)
-
-    def _project_pinhole(self, points: Array) -> Array:
-        """Pixels (N, 2), NaN where impossible; with OpenCV, which needs no derivatives for it."""
-        import cv2
-
-        pixels = np.full((len(points), 2), np.nan)
-        with np.errstate(invalid="ignore"):
-            usable = (points[:, 2] > formulas.NEAR) & np.isfinite(points[:, 0] + points[:, 1])
-        if usable.any():
-            front = points[usable]
-            zero = np.zeros(3)
-            if not self.is_distorted:
-                fx, fy, cx, cy = self.intrinsics
-                z = front[:, 2]
-                projected = np.stack([fx * front[:, 0] / z + cx, fy * front[:, 1] / z + cy], 1)
-            else:
-                D = np.array(self.distortion)
-                projected = cv2.projectPoints(front, zero, zero, self.K, D)[0][:, 0]
-                radius = np.hypot(front[:, 0], front[:, 1]) / front[:, 2]
-                projected[~(radius <= self.distortion_limit)] = np.nan
-            pixels[usable] = projected
-        return pixels
 
     @cached_property
     def distortion_limit(self) -> float:
