@@ -27,7 +27,7 @@ def test_a_segment_behind_the_camera_is_left_out():
     assert project_segments(CAMERA, np.eye(4), segment).shape == (0, 2, 2)
 
 
-coordinate = st.floats(-300, 300)
+coordinate = st.floats(-300, 300, allow_subnormal=False)
 
 
 @given(st.tuples(coordinate, coordinate, coordinate, coordinate))
