@@ -24,6 +24,7 @@ from lcdata import yaml_file
 from lcdata.errors import ArmError, RigError
 from lcdata.geometry.camera import Camera
 from lcdata.rig_camera import CameraSection
+from lcdata.rig_integration import Integration
 from lcdata.rig_joint_log import JointLog
 from lcdata.rig_links import LINKS, Link, LinksCovariance, NotNegative, Section
 
@@ -130,6 +131,7 @@ class Rig(Section):
     dwells: Dwells = Dwells()
     stamps: Literal["header", "bag"] = "header"
     point_time: PointTime = PointTime()
+    integration: Integration = None
 
     _path: Path | None = PrivateAttr(default=None)
 
@@ -152,6 +154,12 @@ class Rig(Section):
             given = [name for name, link in hand_measured.items() if link is not None]
             if given:
                 raise ValueError(f"{' and '.join(given)} go with ground_truth: arm")
+        merged = self.integration is not None and self.integration.mode == "dynamic"
+        if merged and self.ground_truth == "arm":
+            raise ValueError(
+                "integration: dynamic is for a LiDAR that moves; it goes with ground_truth: static "
+                "(with an arm the LiDAR stands still: integration: static)"
+            )
         if self.links_covariance is not None:
             if self.ground_truth != "arm":
                 raise ValueError("links_covariance goes with ground_truth: arm")
@@ -202,17 +210,17 @@ class Rig(Section):
         from lcdata.arm import Arm, find_urdf
 
         arm = self.arm
-        with self._naming("model"):
+        with self.naming_arm("model"):
             urdf = find_urdf(arm.model, self.folder)
-        with self._naming("base_frame", "effector_frame"):
+        with self.naming_arm("base_frame", "effector_frame"):
             loaded = Arm(urdf, arm.base_frame, arm.effector_frame, serial=arm.serial or "")
         if arm.joint_offsets is None:
             return loaded
-        with self._naming("joint_offsets"):
+        with self.naming_arm("joint_offsets"):
             return loaded.with_offsets_of((self.folder or Path()) / arm.joint_offsets)
 
     @contextmanager
-    def _naming(self, *keys: str) -> Iterator[None]:
+    def naming_arm(self, *keys: str) -> Iterator[None]:
         """Name the rig file and the key of `arm` in an error: the one whose value it has."""
         try:
             yield

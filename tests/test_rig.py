@@ -226,3 +226,34 @@ def test_an_arm_that_cannot_be_loaded_names_file_and_key(tmp_path, key, value, m
     path.write_text(yaml.safe_dump(yaml.safe_load(ARM) | {"arm": {key: value}}))
     with pytest.raises(ArmError, match=rf"{path}: {message}"):
         load_rig(path).load_arm()
+
+
+@pytest.mark.parametrize("bare", [True, False])
+def test_scans_are_merged_as_the_rig_says(bare):
+    content = {"ground_truth": "static"}
+    content["integration"] = "dynamic" if bare else {"mode": "dynamic", "voxel_m": 0.02}
+    rig = Rig.from_dict(content)
+    assert rig.integration.mode == "dynamic"
+    assert Rig.from_dict(rig.to_dict()) == rig
+    assert "integration" not in Rig.from_dict({"ground_truth": "static"}).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ({"mode": "moving"}, "integration.mode is 'moving'"),
+        ({"voxel_m": 0}, "integration.voxel_m is 0"),
+        ({"max_scans": 0}, "integration.max_scans is 0"),
+        ({"voxels": 1}, "unknown key integration.voxels: did you mean voxel_m"),
+    ],
+)
+def test_wrong_integration_is_named(section, message):
+    with pytest.raises(RigError, match=message):
+        Rig.from_dict({"ground_truth": "static", "integration": section})
+
+
+def test_a_lidar_beside_an_arm_does_not_move():
+    content = {"T_camera_effector": np.eye(4).tolist(), "T_base_lidar": np.eye(4).tolist()}
+    with pytest.raises(RigError, match=r"integration: dynamic .* goes with ground_truth: static"):
+        Rig.from_dict({**content, "integration": "dynamic"})
+    assert Rig.from_dict({**content, "integration": "static"}).integration.mode == "static"

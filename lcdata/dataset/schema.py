@@ -37,14 +37,15 @@ SCHEMA_VERSION = 1
 INFO, PAIRS, POSES = "dataset.json", "pairs.parquet", "poses.parquet"
 RESULTS, REPORT, REVIEW = "results", "report", "review.rrd"
 GROUNDTRUTH = "groundtruth"
+PICKS = "picks"
 
 LINKS = ("T_camera_effector", "T_effector_base", "T_base_lidar")
 
 BUDGET = {source: f"covariance_{source}" for source in SOURCES}
 """Columns of the covariance from each source."""
 
-LATER = ("pose_version", *BUDGET.values())
-"""Columns of poses.parquet that older data sets lack."""
+LATER = ("pose_version", *BUDGET.values(), "scans")
+"""Columns of poses.parquet and pairs.parquet that older data sets lack."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class PairRecord:
         image_sha256: Checksum of the image file.
         cloud_sha256: Checksum of the cloud file.
         points: Points in the cloud file, those without a return included.
+        scans: Scans that were merged into the cloud; 1 for a scan as it was recorded.
     """
 
     pair_id: str
@@ -76,6 +78,7 @@ class PairRecord:
     image_sha256: str
     cloud_sha256: str
     points: int
+    scans: int = 1
 
 
 @dataclass(frozen=True, eq=False)

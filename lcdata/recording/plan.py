@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.recording.dwells import Dwell
+from lcdata.recording.merging import merge_scans
 from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.pairing import pair_stamps, select
 from lcdata.recording.source import Recording
 from lcdata.recording.survey import Survey
 from lcdata.recording.topics import Topics
+
+if TYPE_CHECKING:
+    from lcdata.rig_integration import IntegrationSection
 
 Stamps = NDArray[np.int64]
 
@@ -30,12 +35,14 @@ class PosePlan:
         dwell: The arm's; None for a recording without an arm, which is one pose.
         start_ns: First stamp of the window.
         end_ns: Last stamp of the window.
-        lidar_ns: (P,) stamps of the chosen scans.
+        lidar_ns: (P,) stamps of the chosen scans; of merged ones that of the scan whose image it
+            is.
         image_ns: (P,) stamps of their images.
         scans: Scans in the window.
         images: Images in the window.
         paired: Pairs in the window, before `pairs_per_pose`.
         reason: Why there is no pair; empty if there is one.
+        merged_ns: Stamps of the scans that make the cloud of each pair, where they are merged.
     """
 
     pose_id: str
@@ -48,6 +55,7 @@ class PosePlan:
     images: int
     paired: int
     reason: str
+    merged_ns: tuple[Stamps, ...] = ()
 
     def pair_id(self, number: int) -> str:
         """`<scenario>/pose_000/000`."""
@@ -61,6 +69,7 @@ def plan_poses(
     *,
     tolerance_ms: float,
     pairs_per_pose: int | None = None,
+    integration: IntegrationSection | None = None,
 ) -> list[PosePlan]:
     """Poses of a recording with their pairs.
 
@@ -70,6 +79,7 @@ def plan_poses(
         dwells: The arm's dwells; None for a recording without an arm.
         tolerance_ms: Largest distance of a scan to its image.
         pairs_per_pose: At most so many, evenly spread; all for None.
+        integration: How scans are merged; not at all for None.
 
     Returns:
         One for each dwell, also for those without pairs.
@@ -86,6 +96,10 @@ def plan_poses(
         scans = _within(survey.lidar_ns, start, end - scan_ns)
         images = _within(survey.image_ns, start, end)
         pairing = pair_stamps(scans, images, round(tolerance_ms * 1e6))
+        runs: list[Stamps] = []
+        if integration is not None and integration.mode != "none":
+            moving = integration.mode == "dynamic"
+            pairing, runs = merge_scans(scans, pairing, integration.max_scans, moving=moving)
         chosen = select(len(pairing.lidar), pairs_per_pose)
         reason = ""
         if not len(scans):
@@ -106,6 +120,7 @@ def plan_poses(
                 len(images),
                 len(pairing.lidar),
                 reason,
+                tuple(runs[k] for k in chosen) if runs else (),
             )
         )
     return poses
