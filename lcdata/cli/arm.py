@@ -95,8 +95,8 @@ def clock(
         Path | None, typer.Option(help="Rig file; default: rig.yaml beside the recording.")
     ] = None,
     images: Annotated[
-        int, typer.Option(min=3, help="At most so many images in motion, and as many in dwells.")
-    ] = 10,
+        int | None, typer.Option(min=3, help="At most so many images; default: enough.")
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Offset between the clocks of arm and camera, from images taken while the arm moves."""
@@ -118,11 +118,10 @@ def clock(
         return
     for path, offset in offsets.items():
         verdict = "" if offset.significant else ", nothing that can be told from none"
-        print(
-            f"{path}: arm clock - camera clock = {1e3 * offset.offset_s:+.1f} +- "
-            f"{1e3 * offset.std_s:.1f} ms from {offset.moving} images in motion and "
-            f"{offset.still} in dwells{verdict}"
-        )
+        used = f"{offset.moving} images in motion and {offset.still} in dwells, against scans"
+        if offset.source == "motion":
+            used = f"{offset.moving} turns of the moving camera"
+        print(f"{path}: arm clock - camera clock = {offset} from {used}{verdict}")
 
 
 def _distance(text: str) -> float | None:

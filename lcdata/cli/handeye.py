@@ -28,6 +28,12 @@ def handeye(
     joint_offsets: Annotated[
         bool, typer.Option("--joint-offsets", help="Solve for the joints' zero points too.")
     ] = False,
+    clock_offset: Annotated[
+        bool,
+        typer.Option(
+            "--clock-offset", help="Ask for the offset of arm and camera clock: dwells tell none."
+        ),
+    ] = False,
     write_rig: Annotated[
         Path | None,
         typer.Option("--write-rig", help="Rig file with the refined links, for groundtruth --rig."),
@@ -53,6 +59,7 @@ def handeye(
             method=method,
             run=run,
             joint_offsets=joint_offsets,
+            clock_offset=clock_offset,
             direct=direct,
             progress=progress,
         )

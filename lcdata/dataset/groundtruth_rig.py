@@ -106,12 +106,14 @@ def arm_of(dataset: Dataset, given: Rig | None, arm_offsets: Path | None) -> Arm
         section, before = given.arm, dataset.rig.arm
         folder = given.folder or Path()
         try:
-            urdf = find_urdf(section.model, given.folder)
+            with given.naming_arm("model"):
+                urdf = find_urdf(section.model, given.folder)
         except ArmError:
             if section.model != before.model:
                 raise
             urdf = dataset.load_arm().urdf
-        arm = Arm(urdf, section.base_frame, section.effector_frame, serial=section.serial or "")
+        with given.naming_arm("base_frame", "effector_frame"):
+            arm = Arm(urdf, section.base_frame, section.effector_frame, serial=section.serial or "")
         if section.joint_offsets is not None and arm_offsets is None:
             file = folder / section.joint_offsets
             if section.joint_offsets == before.joint_offsets and not file.is_file():
@@ -123,7 +125,8 @@ def arm_of(dataset: Dataset, given: Rig | None, arm_offsets: Path | None) -> Arm
                     serial=arm.serial or stored.serial,
                 )
             else:
-                arm = arm.with_offsets_of(file)
+                with given.naming_arm("joint_offsets"):
+                    arm = arm.with_offsets_of(file)
     if arm_offsets is not None:
         arm = arm.with_offsets_of(Path(arm_offsets))
     names = tuple((dataset.info.arm or {})["joint_names"])

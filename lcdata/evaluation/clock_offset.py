@@ -1,15 +1,16 @@
-"""Offset between the clocks of arm and camera, from images taken while the arm moves.
+"""Offset between the clocks of arm and camera of a recording, by the one way or the other.
 
-An image in motion has an extrinsic of its own, which a line method finds against the LiDAR's scan
-(the LiDAR stands still, so any scan near it will do). The joints say where the camera was by their
-clock; along the arm's velocity the difference is the clock's. Images in dwells, which no clock
-changes, hold the links in the same problem (`handeye.solve` with velocities).
+Where the arm's motion was filmed, from the images alone (`recording.clock_offset`). Where there are
+single images of the moving arm only, from the LiDAR's scans: such an image has an extrinsic of its
+own, which a line method finds against a scan (the LiDAR stands still, so any scan near it will do).
+The joints say where the camera was by their clock; along the arm's velocity the difference is the
+clock's. Images in dwells, which no clock changes, hold the links in the same problem
+(`handeye.solve` with velocities).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from lcdata.geometry.camera import Camera
 from lcdata.groundtruth.handeye import Joints, Prior, solve
 from lcdata.pair import Pair
 from lcdata.recording import fields
+from lcdata.recording.clock_offset import IMAGES, ClockOffset, motion_offset
 from lcdata.recording.joint_log import open_joint_log
 from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.source import Recording, open_recording
@@ -43,38 +45,51 @@ MOVING_RAD_S = np.deg2rad(5.0)
 STILL_RAD_S = np.deg2rad(0.5)
 """Slower than this is a dwell."""
 
+SINGLE_IMAGES = 10
+"""Single images to calibrate: each takes a second."""
+
 FEW = 3
 """Fewer images in motion than this are no measurement."""
 
 
-@dataclass(frozen=True)
-class ClockOffset:
-    """Clock of the arm minus clock of the camera.
-
-    Args:
-        offset_s: Seconds to add to an image's stamp for the joints' stamp of the same time.
-        std_s: Its standard deviation.
-        moving: Images in motion that were used.
-        still: Images in dwells that were used.
-        failed: Images that could not be calibrated, or did not fit.
-    """
-
-    offset_s: float
-    std_s: float
-    moving: int
-    still: int
-    failed: int
-
-    @property
-    def significant(self) -> bool:
-        """Whether it is more than three standard deviations from none."""
-        return abs(self.offset_s) > 3 * self.std_s
-
-
 def clock_offset(
-    path: Path, rig: Rig, *, images: int = 10, progress: Progress | None = None
+    path: Path, rig: Rig, *, images: int | None = None, progress: Progress | None = None
 ) -> ClockOffset:
     """Estimate the offset between the clocks of arm and camera of one recording.
+
+    Args:
+        path: A recording with images of the moving arm.
+        rig: Its rig; for scans with standard deviations of the links.
+        images: At most so many neighbouring ones, or so many single ones in motion and as many in
+            dwells; None for as many as are worth it.
+        progress: Called with stage, images done and images in all.
+
+    Raises:
+        GroundTruthError: No arm, or too few images in motion that can be used, either way.
+    """
+    if rig.ground_truth != "arm":
+        raise GroundTruthError(f"{path} is of a rig without an arm", "there is one clock only")
+    arm = rig.load_arm()
+    with open_recording(path, rig.stamps, open_joint_log(path, rig)) as recording:
+        topics = choose_topics(recording, rig)
+        read = survey(recording, topics, arm)
+        try:
+            return motion_offset(recording, topics, read, arm, rig, images=images or IMAGES)
+        except GroundTruthError as error:
+            no_motion = error
+    try:
+        return scan_offset(path, rig, images=images or SINGLE_IMAGES, progress=progress)
+    except GroundTruthError as error:
+        message = error.message.removeprefix(f"{path}: ")
+        raise GroundTruthError(
+            f"{no_motion.message}; against the scans: {message}", no_motion.remedy
+        ) from error
+
+
+def scan_offset(
+    path: Path, rig: Rig, *, images: int = SINGLE_IMAGES, progress: Progress | None = None
+) -> ClockOffset:
+    """The same from single images of the moving arm, each calibrated against a scan.
 
     Args:
         path: A recording with images of the moving arm.
@@ -83,10 +98,8 @@ def clock_offset(
         progress: Called with stage, images done and images in all.
 
     Raises:
-        GroundTruthError: No arm, or fewer than three images in motion that can be used.
+        GroundTruthError: Fewer than three images in motion that can be used.
     """
-    if rig.ground_truth != "arm":
-        raise GroundTruthError(f"{path} is of a rig without an arm", "there is one clock only")
     arm, prior = rig.load_arm(), Prior.of_rig(rig)
     with open_recording(path, rig.stamps, open_joint_log(path, rig)) as recording:
         topics = choose_topics(recording, rig)
@@ -136,6 +149,7 @@ def clock_offset(
         moving=int((usable & moving).sum()),
         still=int((usable & ~moving).sum()),
         failed=int((~usable).sum()),
+        source="scans",
     )
 
 

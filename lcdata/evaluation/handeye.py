@@ -12,7 +12,7 @@ from lcdata.arm import Arm
 from lcdata.dataset import Dataset
 from lcdata.dataset.schema import PoseRecord
 from lcdata.errors import GroundTruthError
-from lcdata.evaluation.refinement import Refinement
+from lcdata.evaluation.refinement import Refinement, still_clock
 from lcdata.evaluation.results import TrialResult, read_results
 from lcdata.geometry import se3
 from lcdata.groundtruth.chain import offset_covariance
@@ -54,6 +54,7 @@ def refine(
     method: str | None = None,
     run: str | None = None,
     joint_offsets: bool = False,
+    clock_offset: bool = False,
     direct: bool = False,
     progress: Progress | None = None,
 ) -> Refinement:
@@ -65,6 +66,8 @@ def refine(
         run: Of which run; all runs for None.
         joint_offsets: Solve for the joints' zero points as well; always done where the rig's
             `links_covariance` holds them.
+        clock_offset: Solve for the offset between arm and camera clock as well, as far as poses of
+            dwells can tell: not at all, which the refinement then says.
         direct: Go on from the estimates to the lines of all pairs in one problem. Without any
             stored results that starts from the hand measurement.
         progress: Called with stage, pairs done and pairs in all.
@@ -88,11 +91,12 @@ def refine(
     together = len(dataset.rig.covariance_of_links()) > LINKS
     joints = _joints(dataset, arm, poses) if joint_offsets or together else None
     estimates = gather(dataset, poses, method, run)
+    asked = (still_clock(poses),) if clock_offset else ()
     if direct:
         from lcdata.evaluation.handeye_direct import solve_lines
 
         found = solve_lines(dataset, poses, A, estimates, prior, joints, encoders, progress)
-        return Refinement(dataset, "lines", arm, poses, found)
+        return Refinement(dataset, "lines", arm, poses, found, asked)
     if estimates is None:
         raise GroundTruthError(
             f"{dataset.path} has no stored estimates"
@@ -101,7 +105,7 @@ def refine(
             "run `lcdata calibrate` first, or --direct from the lines",
         )
     found = solve_estimates(A, estimates, prior, joints, encoders)
-    return Refinement(dataset, estimates.method, arm, poses, found)
+    return Refinement(dataset, estimates.method, arm, poses, found, asked)
 
 
 def solve_estimates(

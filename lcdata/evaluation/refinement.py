@@ -14,6 +14,7 @@ from lcdata.arm import Arm
 from lcdata.dataset import Dataset
 from lcdata.dataset.schema import PoseRecord
 from lcdata.geometry import se3
+from lcdata.groundtruth.budget import drift
 from lcdata.groundtruth.chain import PoseTruth, arm_truths
 from lcdata.groundtruth.handeye import HandEye
 from lcdata.rig import Rig
@@ -32,6 +33,7 @@ class Refinement:
         arm: The arm that the data set was made with.
         poses: Its poses, in the order of `found`'s residuals.
         found: The solution.
+        undetermined: What was asked for beside the links and no data set can tell, a sentence each.
     """
 
     dataset: Dataset
@@ -39,6 +41,7 @@ class Refinement:
     arm: Arm
     poses: tuple[PoseRecord, ...]
     found: HandEye
+    undetermined: tuple[str, ...] = ()
 
     @property
     def refined_arm(self) -> Arm:
@@ -110,6 +113,24 @@ def _sigma(covariances: Array | Sequence[Array]) -> tuple[float, float]:
     return 1e3 * metres, float(np.rad2deg(radians))
 
 
+def still_clock(poses: Sequence[PoseRecord]) -> str:
+    """Why dwells do not determine the offset between arm and camera clock.
+
+    An offset shows as joint velocity times offset, and the pairs of a data set are taken where the
+    joints stand still: their scatter within the dwells bounds the velocity.
+    """
+    fastest = max(
+        float(drift(p.joint_positions_std, (p.end_ns - p.start_ns) * 1e-9).max(initial=0.0))
+        for p in poses
+    )
+    degrees = np.rad2deg(fastest)
+    return (
+        f"clock offset: the arm stands still at all {len(poses)} poses (joints drift by "
+        f"{degrees:.2g} deg/s at most), so 10 ms are {0.01 * degrees:.1g} deg; images of the "
+        "moving arm tell it: `lcdata arm clock RECORDING`"
+    )
+
+
 def describe(refinement: Refinement) -> dict[str, Any]:
     """A refinement as plain values."""
     found, rig = refinement.found, refinement.dataset.rig
@@ -153,7 +174,11 @@ def describe(refinement: Refinement) -> dict[str, Any]:
         "scale": found.scale,
         "observable": found.observable,
         "singular_value_ratio": found.singular_value_ratio,
-        "unobservable": list(found.unobservable),
+        "unobservable": [*found.unobservable, *refinement.undetermined],
+        "clock_offset_s": None if np.isnan(found.clock_offset_s) else found.clock_offset_s,
+        "clock_offset_std_s": (
+            None if np.isnan(found.clock_offset_std_s) else found.clock_offset_std_s
+        ),
         "joint_offsets_deg": dict(
             zip(joint_names, np.rad2deg(found.joint_offsets).tolist(), strict=True)
         ),

@@ -97,6 +97,7 @@ def test_help_has_an_example(lcdata):
 def test_clocks_need_images_of_the_moving_arm(lcdata, sample_recordings):
     done = lcdata("arm", "clock", sample_recordings / "gym")
     assert done.returncode == 1
-    assert "1 images in motion, 3 are needed" in done.stderr
+    assert "0 pairs of neighbouring images of the moving arm, 6 are needed" in done.stderr
+    assert "against the scans: 1 images in motion, 3 are needed" in done.stderr
     assert done.stderr.count("\n") == 1
     assert "Example:  lcdata arm clock" in lcdata("arm", "clock", "--help").stdout

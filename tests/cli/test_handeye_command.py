@@ -64,3 +64,13 @@ def test_help_has_an_example(lcdata):
     done = lcdata("handeye", "--help")
     assert "Example:  lcdata handeye" in done.stdout
     assert "--json" in done.stdout
+
+
+def test_dwells_do_not_tell_the_clock_offset_and_none_is_invented(lcdata, dataset):
+    done = lcdata("handeye", dataset, "--clock-offset", "--json")
+    assert done.returncode == 0, done.stderr
+    content = json.loads(done.stdout)
+    assert content["clock_offset_s"] is content["clock_offset_std_s"] is None
+    assert "clock offset: the arm stands still at all 12 poses" in content["unobservable"][-1]
+    text = lcdata("handeye", dataset, "--clock-offset").stdout
+    assert "not determined by the estimates: clock offset" in text
