@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import groupby
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from lcdata.dataset import Dataset
 from lcdata.dataset.schema import PoseRecord
 from lcdata.groundtruth.budget import SOURCES, TITLES, Variances, shares, variances
 from lcdata.report.plots import Theme, budget_bars
+from lcdata.report.tables import tex
 
 UNKNOWN = (
     "The data set does not say where it comes from: a link without standard deviations, or a "
@@ -27,6 +29,8 @@ NOTE = (
     "offsets and of the two links are the same in the whole data set, and do not average out. "
     "The clock's part counts only what the arm moves within a dwell: next to nothing."
 )
+
+HEADER = ("Scenario", "Source", "Translation (mm)", "Share", "Rotation (deg)", "Share")
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,12 @@ class Row:
     def title(self) -> str:
         """What a reader calls the source."""
         return TITLES.get(self.source, "all")
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """A line of the table, in the order of `HEADER`."""
+        translation, rotation = (f"{part:.1%}" for part in self.share)
+        return self.scenario, self.title, self.millimetres, translation, self.degrees, rotation
 
     @property
     def millimetres(self) -> str:
@@ -145,16 +155,29 @@ def markdown(dataset: Dataset) -> str:
     title = f"## Where the ground truth's uncertainty comes from (version {version})\n\n"
     if not (rows := table(dataset)):
         return f"{title}{UNKNOWN}\n"
-    lines = [
-        "| Scenario | Source | Translation (mm) | Share | Rotation (deg) | Share |",
-        "| --- | --- | ---: | ---: | ---: | ---: |",
+    lines = [HEADER, ("---",) * 2 + ("---:",) * 4, *(r.cells for r in rows)]
+    body = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return f"{title}{body}\n\n{NOTE}\n"
+
+
+def latex(dataset: Dataset) -> str:
+    """Section of table.tex: a booktabs table."""
+    head = f"% the ground truth's own uncertainty, version {dataset.info.groundtruth_version}\n"
+    if not (rows := table(dataset)):
+        return f"{head}% {UNKNOWN}\n"
+    groups = [
+        "\n".join(_tex_line(row.cells) for row in here)
+        for _, here in groupby(rows, key=lambda row: row.scenario)
     ]
-    lines += [
-        f"| {r.scenario} | {r.title} | {r.millimetres} | {r.share.translation:.1%} | "
-        f"{r.degrees} | {r.share.rotation:.1%} |"
-        for r in rows
-    ]
-    return title + "\n".join(lines) + f"\n\n{NOTE}\n"
+    body = "\n\\midrule\n".join(groups)
+    return (
+        f"{head}\\begin{{tabular}}{{llrrrr}}\n\\toprule\n{_tex_line(HEADER)}\n\\midrule\n{body}\n"
+        "\\bottomrule\n\\end{tabular}\n"
+    )
+
+
+def _tex_line(cells: Sequence[str]) -> str:
+    return f"{' & '.join(map(tex, cells))} \\\\"
 
 
 def section(dataset: Dataset, pictures: str) -> str:

@@ -127,13 +127,13 @@ def latex(summaries: Sequence[Summary]) -> str:
     parts = ["% \\usepackage{booktabs}"]
     for run, rows in groupby(summaries, key=lambda s: s.run):
         groups = [
-            "\n".join(f"{' & '.join(_tex(c) for c in cells(row, group))} \\\\" for row in group)
+            "\n".join(f"{' & '.join(tex(c) for c in cells(row, group))} \\\\" for row in group)
             for group in by_scenario(list(rows))
         ]
         body = "\n\\midrule\n".join(groups)
         parts.append(
             f"% run {run}\n\\begin{{tabular}}{{ll{'r' * (len(HEADER) - 2)}}}\n\\toprule\n"
-            f"{' & '.join(_tex(h) for h in HEADER)} \\\\\n\\midrule\n{body}\n"
+            f"{' & '.join(tex(h) for h in HEADER)} \\\\\n\\midrule\n{body}\n"
             "\\bottomrule\n\\end{tabular}"
         )
     return "\n\n".join(parts) + "\n"
@@ -169,7 +169,8 @@ def _pipe(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-def _tex(text: str) -> str:
+def tex(text: str) -> str:
+    """A cell as LaTeX takes it."""
     for plain, escaped in (
         ("\\", "\\textbackslash "),
         ("%", "\\%"),

@@ -83,7 +83,7 @@ def write_report(
         "results.csv": tables.trials_csv(results),
         "table.md": f"# {name} ({kind.lower()})\n\n{tables.markdown(results.summaries, titles)}\n"
         + budget.markdown(dataset),
-        "table.tex": tables.latex(results.summaries),
+        "table.tex": f"{tables.latex(results.summaries)}\n{budget.latex(dataset)}",
         "index.html": html,
     }
     if BUDGET in plots:

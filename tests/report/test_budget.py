@@ -63,6 +63,12 @@ def test_page_table_and_plots_show_budget_version_and_what_is_not_ranked(dataset
         assert f"| {title} |" in table
     assert f"version {dataset.info.groundtruth_version}" in text
     assert f"version {dataset.info.groundtruth_version}" in table
+    latex = (page.parent / "table.tex").read_text().partition("own uncertainty, version ")[2]
+    lines = [line for line in latex.splitlines() if line.endswith("\\\\")]
+    assert len(lines) == 1 + len(budget.table(dataset))
+    assert {line.count("&") for line in lines} == {5}
+    assert any(f"& {TITLES['T_base_lidar']} &" in line and "\\%" in line for line in lines)
+    assert not re.search(r"(?<!\\)[%_]", "".join(lines))
     assert (page.parent / "groundtruth-budget.png").stat().st_size > 5000
     assert (page.parent / "groundtruth.csv").is_file()
     assert len(re.findall(r"<picture>", text)) == 2
@@ -75,4 +81,5 @@ def test_without_a_budget_the_page_says_so(tmp_path):
     add_results(dataset)
     page = write_report(dataset)
     assert "does not say where it comes from" in page.read_text()
+    assert "% The data set does not say" in (page.parent / "table.tex").read_text()
     assert not (page.parent / "groundtruth-budget.png").exists()
