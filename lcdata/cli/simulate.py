@@ -30,6 +30,12 @@ def simulate(
     rig: Annotated[
         Path | None, typer.Option(help="Hand-measured rig to simulate; default: a built-in one.")
     ] = None,
+    motion_hz: Annotated[
+        float, typer.Option(min=0, max=15, help="Images a second while the arm moves.")
+    ] = 0.0,
+    clock_offset: Annotated[
+        float, typer.Option(help="Seconds that the arm's clock is ahead of the others.")
+    ] = 0.0,
     force: Annotated[bool, typer.Option("--force", help="Replace a recording.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -47,6 +53,8 @@ def simulate(
             columns=columns,
             azimuth_window_deg=azimuth_window,
             rig=rig,
+            motion_hz=motion_hz,
+            clock_offset_s=clock_offset,
             force=force,
             progress=progress,
         )
