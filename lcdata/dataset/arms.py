@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lcdata.arm_urdf import find_urdf, model_directory
+from lcdata.arm import find_urdf, model_directory
 from lcdata.dataset import schema
 from lcdata.dataset.atomic import write_bytes
 from lcdata.errors import DatasetError

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lcdata.arm import Arm
-from lcdata.arm_urdf import find_urdf
+from lcdata.arm import Arm, find_urdf
 from lcdata.dataset.groundtruth_change import shown
 from lcdata.dataset.reader import Dataset
 from lcdata.errors import ArmError, RigError

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.arm import Arm
-from lcdata.arm_chain import Chain
+from lcdata.arm.chain import Chain
 from lcdata.geometry import se3
 from lcdata.groundtruth.least_squares import minimise
 from lcdata.groundtruth.sockets import Socket

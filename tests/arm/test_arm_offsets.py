@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from lcdata.arm import Arm
-from lcdata.arm_offsets import read_offsets_file
+from lcdata.arm.offsets import read_offsets_file
 from lcdata.errors import ArmError
 from lcdata.rig import Rig, load_rig
 

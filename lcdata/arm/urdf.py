@@ -12,8 +12,9 @@ EXAMPLES = "example-robot-data:"
 
 def model_directory() -> Path:
     """Folder of the arm models that come with the package, installed or in a checkout."""
-    installed = Path(__file__).parent / "arm_models"
-    return installed if installed.is_dir() else Path(__file__).parents[1] / "arm_models"
+    package = Path(__file__).parents[1]
+    installed = package / "arm_models"
+    return installed if installed.is_dir() else package.parent / "arm_models"
 
 
 def find_urdf(model: str | Path, relative_to: Path | None = None) -> Path:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lcdata.arm import Arm, find_urdf
-from lcdata.arm_chain import chain_of
+from lcdata.arm.chain import chain_of
 from lcdata.errors import ArmError, LcdataError, MissingLibraryError
 
 # A continuous joint about a slanted axis, a slide, and a joint about -y.

@@ -1,4 +1,4 @@
-"""An arm: URDF to Pinocchio model, forward kinematics and Jacobians of named frames."""
+"""URDF to Pinocchio model, forward kinematics and Jacobians of named frames."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lcdata.arm_offsets import read_offsets_file
-from lcdata.arm_urdf import find_urdf, model_directory
+from lcdata.arm.offsets import read_offsets_file
+from lcdata.arm.urdf import find_urdf
 from lcdata.errors import ArmError
 
 if TYPE_CHECKING:
-    from lcdata.arm_chain import Chain
+    from lcdata.arm.chain import Chain
 
 Array = NDArray[np.float64]
-
-__all__ = ["Arm", "find_urdf", "model_directory", "read_joint_offsets"]
 
 LIMIT_TOLERANCE_RAD = np.deg2rad(15.0)
 """Limits are those of the controller, and an arm moved by hand goes past them: the last joint of a
@@ -270,7 +268,7 @@ class Arm:
 
     def chain(self) -> Chain:
         """The arm as plain arrays, which stacks of joint positions run through."""
-        from lcdata.arm_chain import chain_of
+        from lcdata.arm.chain import chain_of
 
         frames = self._frame_id(self.base_frame), self._frame_id(self.effector_frame)
         return chain_of(self.model, self.joint_names, *frames)
@@ -290,12 +288,10 @@ class Arm:
 
         Compiled: worth it from some ten thousand samples on.
         """
-        from lcdata import arm_kernels
+        from lcdata.arm import kernels
 
         chain = self.chain()
-        return np.asarray(
-            arm_kernels.forward(chain.links, chain.slides, self.with_offsets(positions))
-        )
+        return np.asarray(kernels.forward(chain.links, chain.slides, self.with_offsets(positions)))
 
     def covariance_many(self, positions: ArrayLike, std: ArrayLike) -> tuple[Array, Array]:
         """Effector poses of many joint positions and what the joints' errors make of them.
@@ -308,7 +304,7 @@ class Arm:
             (N, 4, 4) `T_base_effector`, and (N, 6, 6) covariances J diag(std^2) J^T in the
             effector's own axes, translation then rotation.
         """
-        from lcdata import arm_kernels
+        from lcdata.arm import kernels
 
         chain, q = self.chain(), self.with_offsets(positions)
         variance = np.atleast_2d(np.square(np.asarray(std, float)))
@@ -317,7 +313,7 @@ class Arm:
                 f"standard deviations of shape {variance.shape} for positions {q.shape}",
                 "give one for each joint, or one for each sample and joint",
             )
-        poses, covariances = arm_kernels.forward_covariance(
+        poses, covariances = kernels.forward_covariance(
             chain.links, chain.slides, q, np.ascontiguousarray(variance)
         )
         return np.asarray(poses), np.asarray(covariances)

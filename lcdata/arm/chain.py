@@ -2,7 +2,7 @@
 
 A joint about any axis a is one about z between two fixed rotations, B(a) Rz B(a)^T, and these are
 taken into the links. So forward kinematics is one short formula that runs on stacks of joint
-positions, in NumPy here and compiled in `arm_kernels`:
+positions, in NumPy here and compiled in `arm.kernels`:
 
     T_base_effector = links[0] J(q_0) links[1] J(q_1) ... links[n]
 """

@@ -1,6 +1,6 @@
 """Compiled forward kinematics and covariance of many joint positions.
 
-One pass over the chain of `arm_chain`: turning about z mixes two columns of the rotation, so a
+One pass over the chain of `arm.chain`: turning about z mixes two columns of the rotation, so a
 joint costs one 3x3 product. Imported where it is used: compiling takes a second once a machine.
 """
 
