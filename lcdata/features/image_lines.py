@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.features.edge_centres import centre_lines
+
 Array = NDArray[np.float64]
 
 LSD_OFFSET = 0.125
@@ -68,7 +70,7 @@ def extract_image_lines(
     )
     length = np.hypot(lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1])
     order = np.argsort(-length, kind="stable")
-    return np.asarray(lines[order[length[order] >= min_length * scale]])
+    return centre_lines(lines[order[length[order] >= min_length * scale]], image)
 
 
 def merge_lines(lines: Array, distance: float, angle: float, offset: float) -> Array:

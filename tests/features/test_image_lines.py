@@ -8,13 +8,15 @@ from lcdata.geometry.camera import Camera
 
 
 def edge_image(angle_deg, through=(200.3, 199.6), size=400):
-    """An antialiased step edge; pixel centres have integer coordinates."""
+    """An antialiased step edge as a camera stores it; pixel centres have integer coordinates."""
     fine = 8
     grid = (np.arange(size * fine) + 0.5) / fine - 0.5
     x, y = np.meshgrid(grid, grid)
     normal = np.array([-np.sin(np.deg2rad(angle_deg)), np.cos(np.deg2rad(angle_deg))])
     step = (x - through[0]) * normal[0] + (y - through[1]) * normal[1] > 0
-    image = step.reshape(size, fine, size, fine).mean((1, 3)) * 100 + 80
+    low, high = (np.array([80, 180]) / 255) ** 2.2
+    light = step.reshape(size, fine, size, fine).mean((1, 3)) * (high - low) + low
+    image = 255 * light ** (1 / 2.2)
     image += np.random.default_rng(0).normal(size=image.shape) * 2
     return image.round().astype(np.uint8), normal
 
