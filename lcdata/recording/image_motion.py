@@ -96,6 +96,8 @@ def turn(
     f, g = (camera.unproject(scale * (pixels + 0.5) - 0.5) for pixels in (a, b))
     known = np.isfinite(f).all(axis=1) & np.isfinite(g).all(axis=1)
     f, g = f[known], g[known]
+    if len(f) < FEWEST:
+        return None
     R = _start(f, g)
     length = float(np.linalg.norm(travel))
     t = travel / length if length > 0 else np.array([0.0, 0.0, 1.0])
