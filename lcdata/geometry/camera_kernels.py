@@ -8,6 +8,8 @@ Imported where such a loop is: compiling takes seconds, once a machine. A loop t
 
 with x, y, z in the camera frame (metres); ux is du/dx. `ok` says that the camera sees in that
 direction, not that the pixel lies in the image; u and v are NaN, the derivatives 0, where not.
+Whoever edits the formulas must delete numba's caches (`__pycache__/*.nbi`): they notice a change of
+the file of a loop only, not of what it calls.
 """
 
 from __future__ import annotations
