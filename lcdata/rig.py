@@ -125,6 +125,7 @@ class Rig(Section):
     T_base_lidar: Link | None = None
     T_camera_lidar: Link | None = None
     links_covariance: LinksCovariance | None = None
+    links_refined_from: tuple[str, ...] | None = None
     clock_offset_s: ClockOffsetS = None
     clock_offset_std_s: NotNegative = 0.0
     pairing: Pairing = Pairing()

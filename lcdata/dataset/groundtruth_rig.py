@@ -24,6 +24,7 @@ OF_THE_TRUTH = (
     "T_base_lidar",
     "T_camera_lidar",
     "links_covariance",
+    "links_refined_from",
     "clock_offset_std_s",
 )
 

@@ -12,7 +12,7 @@ from lcdata.arm import Arm
 from lcdata.dataset import Dataset
 from lcdata.dataset.schema import PoseRecord
 from lcdata.errors import GroundTruthError
-from lcdata.evaluation.refinement import Refinement, still_clock
+from lcdata.evaluation.refinement import Refinement, recordings_of, still_clock
 from lcdata.evaluation.results import TrialResult, read_results
 from lcdata.geometry import se3
 from lcdata.groundtruth.chain import offset_covariance
@@ -73,8 +73,8 @@ def refine(
         progress: Called with stage, pairs done and pairs in all.
 
     Raises:
-        GroundTruthError: No arm, no estimates, too few poses, poses all alike, or joint offsets
-            that are known exactly.
+        GroundTruthError: No arm, no estimates, too few poses, poses all alike, joint offsets that
+            are known exactly, or links that were refined from these recordings already.
         ArmError: The arm model cannot be found.
         DatasetError: It is another one by now.
     """
@@ -84,6 +84,7 @@ def refine(
             f"{dataset.path} was recorded without an arm (ground_truth: static)",
             "hand-eye refinement needs arm poses",
         )
+    _check_new(dataset)
     arm = dataset.load_arm()
     A = np.array([pose.T_effector_base for pose in poses])
     prior = hand_measured(dataset)
@@ -178,6 +179,17 @@ def encoder_covariances(dataset: Dataset, arm: Arm, poses: Sequence[PoseRecord])
     X = np.array([pose.T_camera_effector for pose in poses])
     by_joints = adjoint_many(X) @ J
     return np.asarray((by_joints * variance[:, None]) @ np.swapaxes(by_joints, 1, 2))
+
+
+def _check_new(dataset: Dataset) -> None:
+    """Refuse to learn from the same recordings twice: what is said twice seems twice as sure."""
+    known = {name.split()[-1] for name in dataset.rig.links_refined_from or ()}
+    again = [name for name in recordings_of(dataset) if name.split()[-1] in known]
+    if again:
+        raise GroundTruthError(
+            f"the links of {dataset.path} were refined from {again[0].split()[0]} already",
+            "apply the rig before that first (`lcdata groundtruth --rig`), or take new recordings",
+        )
 
 
 def _joints(dataset: Dataset, arm: Arm, poses: Sequence[PoseRecord]) -> Joints:

@@ -66,13 +66,16 @@ class Refinement:
         """
         size = LINKS + len(self.found.joint_offsets)
         covariance = self.found.full_covariance[:size, :size]
+        before = self.dataset.rig
+        recordings = (*(before.links_refined_from or ()), *recordings_of(self.dataset))
         return Rig.from_dict(
-            self.dataset.rig.to_dict()
+            before.to_dict()
             | {
                 "T_camera_effector": _link(self.found.T_camera_effector),
                 "T_base_lidar": _link(self.found.T_base_lidar),
                 "links_covariance": [[float(f"{x:.12g}") for x in row] for row in covariance],
             }
+            | ({"links_refined_from": recordings} if recordings else {})
         )
 
     @cached_property
@@ -98,6 +101,11 @@ class Refinement:
     def sigma(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Root mean square (mm, deg) that the ground truth's covariance predicts: now, refined."""
         return _sigma([pose.covariance for pose in self.poses]), _sigma(self.covariances())
+
+
+def recordings_of(dataset: Dataset) -> list[str]:
+    """Scenario and fingerprint of each recording."""
+    return [f"{s['scenario']} {str(s['fingerprint'])[:12]}" for s in dataset.info.sources]
 
 
 def _link(T: Array) -> dict[str, Any]:

@@ -33,11 +33,14 @@ def test_json_has_links_residuals_and_warnings(lcdata, dataset, tmp_path):
     assert len(content["residuals"]) == content["poses"] == 12
     assert len(content["covariance"]) == 12
     assert content["observable"] is True
-    refined = load_rig(rig).T_base_lidar
-    np.testing.assert_allclose(refined.T, content["T_base_lidar"]["matrix"], atol=1e-6)
+    refined = load_rig(rig)
     np.testing.assert_allclose(
-        refined.rotation_std_deg, content["T_base_lidar"]["rotation_std_deg"], atol=1e-5
+        refined.T_base_lidar.T, content["T_base_lidar"]["matrix"], atol=1e-11
     )
+    np.testing.assert_allclose(refined.covariance_of_links(), content["covariance"], rtol=1e-9)
+    done = lcdata("groundtruth", dataset, "--rig", rig, "--dry-run", "--json")
+    sigma = json.loads(done.stdout)["sigma_after_deg"]
+    assert sigma == pytest.approx(content["refined_sigma"]["deg"], rel=1e-9)
 
 
 def test_the_text_says_what_moved_and_by_how_much(lcdata, dataset):

@@ -56,7 +56,7 @@ def make(path: Path, poses: int = 12, rig: Rig | None = None, seed: int = 1) -> 
     info = DatasetInfo(
         rig=rig.to_dict(),
         arm=describe_arm("gen3_lite", arm),
-        sources=(),
+        sources=({"scenario": "gym", "fingerprint": f"{seed:064x}"},),
         scenarios={"gym": Scenario(camera=CAMERA, topics={})},
         simulated=True,
         groundtruth_version=version,

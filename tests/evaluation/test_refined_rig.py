@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import handeye_dataset
 import numpy as np
 import pytest
 
 from lcdata.arm import Arm, read_joint_offsets
-from lcdata.dataset import Dataset, regenerate
-from lcdata.errors import RigError
+from lcdata.dataset import Dataset, regenerate, schema
+from lcdata.dataset.atomic import write_json
+from lcdata.dataset.schema import DatasetInfo
+from lcdata.errors import GroundTruthError, RigError
 from lcdata.evaluation.handeye import refine
 from lcdata.evaluation.refined_rig import check_target, offsets_path, write_refined_rig
 from lcdata.evaluation.refinement import Refinement
@@ -142,15 +145,10 @@ def test_the_covariance_of_refined_rigs_is_that_of_their_errors(std_deg):
     assert 0.8 < np.mean(squares) < 1.25
 
 
-def dataset_of(rig: Rig):
-    """A data set of which nothing but its rig is asked."""
-
-    class OnlyRig:
-        pass
-
-    result = OnlyRig()
-    result.rig = rig
-    return result
+def dataset_of(rig: Rig) -> Dataset:
+    """A data set of no recordings, of which only its rig is asked."""
+    info = DatasetInfo(rig.to_dict(), None, (), {}, simulated=True)
+    return Dataset(Path(), info, (), ())
 
 
 @pytest.mark.parametrize("joints", [False, True])
@@ -180,3 +178,21 @@ def test_a_second_refinement_goes_on_from_all_that_the_first_knew(joints):
         joints=Joints(arm, q[8:], OFFSETS_DEG) if joints else None,
     )
     assert np.trace(claimed.covariance) < 0.95 * np.trace(at_once.covariance)
+
+
+def test_other_recordings_go_on_from_a_refined_rig_and_the_same_do_not(tmp_path):
+    first = refine(made(tmp_path / "first", OFFSETS_DEG), joint_offsets=True)
+    write_refined_rig(first, tmp_path / "refined.yaml")
+    assert len(load_rig(tmp_path / "refined.yaml").links_refined_from) == 1
+    regenerate(first.dataset, tmp_path / "refined.yaml")
+    with pytest.raises(GroundTruthError, match="were refined from gym already"):
+        refine(Dataset.open(first.dataset.path))
+
+    refined = Dataset.open(first.dataset.path)
+    later = replace(refined.info, sources=({"scenario": "gym", "fingerprint": "f" * 64},))
+    write_json(refined.path / schema.INFO, later.to_dict())
+    second = refine(Dataset.open(refined.path))  # its joint offsets again, unasked
+    assert len(second.found.joint_offsets) == 6
+    assert len(second.rig.links_refined_from) == 2
+    before, after = (np.trace(one.found.full_covariance) for one in (first, second))
+    assert after < 0.9 * before
