@@ -24,12 +24,12 @@ from lcdata.dataset.schema import PoseRecord
 from lcdata.errors import GroundTruthError
 from lcdata.evaluation.handeye import Estimates, Progress, solve_estimates
 from lcdata.features.line_features import LineFeatures, extract_line_features
-from lcdata.features.line_solver import CAUCHY_SCALE, projection_system
-from lcdata.features.matching import GATES, IMAGE_SIGMA, SOFTNESS, make_problem, match
+from lcdata.features.line_solver import CAUCHY_SCALE, projection_system, solve_projection
+from lcdata.features.matching import GATES, IMAGE_SIGMA, SOFTNESS, make_problem, match, refine
 from lcdata.geometry import se3
 from lcdata.groundtruth.handeye import HandEye, Joints, Prior, Residuals
 from lcdata.groundtruth.handeye_problem import Problem, State
-from lcdata.groundtruth.handeye_robust import FAR, GATE, MEDIAN_6
+from lcdata.groundtruth.handeye_robust import ENOUGH, FALSE_ALARM, FAR, MEDIAN_6
 from lcdata.groundtruth.observability import observability
 from lcdata.groundtruth.twists import adjoint_many
 
@@ -38,8 +38,15 @@ Array = NDArray[np.float64]
 MIN_LINES = 6
 """A pose with fewer matched lines in all its pairs does not count."""
 
-ROUNDS = (*np.repeat(GATES[:3], 2, axis=0).tolist(), *GATES[3:], *GATES[-1:] * 6)
-"""Gates of the matches, and some more rounds with the last to settle."""
+SETTLED = (2.0, 3.0)
+"""Last gate: narrower than one pose can afford, because the other poses hold it in place."""
+
+COARSE = (*np.repeat(GATES[:3], 2, axis=0).tolist(), *GATES[3:])
+FINE = (SETTLED,) * 8
+"""Rounds of matching: gates shrink, then the links settle."""
+
+MOST_TURNS = 3
+"""Of leaving wrong poses out and settling again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +57,13 @@ class _Lines:
         H: (N, 6, 6) information of a left perturbation of each extrinsic.
         g: (N, 6) gradient.
         used: (N,) bool, poses with lines enough.
+        support: Sum of the robust weights of all lines.
     """
 
     H: Array
     g: Array
     used: NDArray[np.bool_]
+    support: float
 
 
 def solve_lines(
@@ -69,21 +78,21 @@ def solve_lines(
 ) -> HandEye:
     """Both links from the lines of all pairs; see `evaluation.handeye.refine`.
 
-    Starts from the estimates if there are any, else from the hand measurement.
+    Starts from the hand measurement and from the estimates, as far as there are any.
     """
+    starts = []
     if estimates is not None and estimates.found >= (2 if prior else 3):
         first = solve_estimates(A, estimates, prior, joints, encoders)
-        X, Z, extra = first.T_camera_effector, first.T_base_lidar, first.joint_offsets
-    elif prior is not None:
-        X, Z = prior.T_camera_effector, prior.T_base_lidar
-        extra = np.zeros(len(joints.arm.joint_names) if joints else 0)
-    else:
+        starts.append(State(first.T_camera_effector, first.T_base_lidar, first.joint_offsets))
+    problem = Problem(A, A, prior, joints)
+    if prior is not None:
+        starts.append(problem.start(prior.T_camera_effector, prior.T_base_lidar))
+    if not starts:
         raise GroundTruthError(
             f"{dataset.path} has neither stored estimates nor standard deviations of its links",
             "run `lcdata calibrate`, or give the rig's links standard deviations",
         )
-    features = extract(dataset, poses, progress)
-    return solve_features(features, Problem(A, A, prior, joints), encoders, State(X, Z, extra))
+    return solve_features(extract(dataset, poses, progress), problem, encoders, *starts)
 
 
 def extract(
@@ -100,31 +109,66 @@ def extract(
 
 
 def solve_features(
-    features: Sequence[Sequence[LineFeatures]], problem: Problem, encoders: Array, state: State
+    features: Sequence[Sequence[LineFeatures]], problem: Problem, encoders: Array, *starts: State
 ) -> HandEye:
-    """Both links from lines, near a state.
+    """Both links from lines, near the better of some states.
 
     Args:
         features: Lines of each pair of each pose.
         problem: The N arm poses and the priors; its estimates are not used.
         encoders: (N, 6, 6) covariance of each extrinsic from encoder noise.
-        state: Where to start.
+        starts: Where to start.
+
+    Raises:
+        GroundTruthError: No pose has lines enough that match.
     """
     scale, inliers = 1.0, np.ones(len(features), bool)
-    for angle, distance in ROUNDS:
+    ends = [
+        _settle(features, problem, encoders, start, scale, inliers, (*COARSE, *FINE))
+        for start in starts
+    ]
+    state, lines = max(ends, key=lambda end: _worth(problem, *end))
+    for _ in range(MOST_TURNS):
+        own = _own(features, problem.predict(state))
+        scale, within = _judge(own, encoders)
+        if np.array_equal(within, inliers):
+            break
+        inliers = within
+        state, lines = _settle(features, problem, encoders, state, scale, inliers, FINE)
+    return _result(problem, state, lines, own, encoders, scale, inliers)
+
+
+def _settle(
+    features: Sequence[Sequence[LineFeatures]],
+    problem: Problem,
+    encoders: Array,
+    state: State,
+    scale: float,
+    inliers: NDArray[np.bool_],
+    rounds: Sequence[Sequence[float]],
+) -> tuple[State, _Lines]:
+    """Match and solve, round by round."""
+    for angle, distance in rounds:
         lines = _lines(features, problem.predict(state), angle, distance)
         if not lines.used.any():
             raise GroundTruthError(
                 f"no pose has {MIN_LINES} matching lines", "run `lcdata calibrate` first"
             )
-        H, gradient, *_, C = _system(problem, state, lines, encoders, scale, inliers)
+        H, gradient, *_ = _system(problem, state, lines, encoders, scale, inliers)
         step = -np.asarray(np.linalg.solve(H, gradient), float)
-        # What the links leave over says how good the lines are: not what they still have to move.
-        scale, inliers = _spread(lines, encoders, C @ step)
         state = state.moved(step)
-        if distance == GATES[-1][1] and np.abs(step).max() < 1e-7:
+        if distance == SETTLED[1] and np.abs(step).max() < 1e-7:
             break
-    return _result(problem, state, lines, encoders, scale, inliers)
+    return state, lines
+
+
+def _worth(problem: Problem, state: State, lines: _Lines) -> float:
+    """How much speaks for a solution: what its lines gain it less what the priors cost it.
+
+    A line that fits gains about as much log-likelihood as its robust weight over one that does not.
+    """
+    prior, _ = problem.prior_rows(state)
+    return lines.support / CORRELATION - 0.5 * float(prior @ prior)
 
 
 def _lines(
@@ -133,7 +177,7 @@ def _lines(
     """Match at the extrinsics (N, 4, 4) and linearise there."""
     H, g = np.zeros((len(T), 6, 6)), np.zeros((len(T), 6))
     count = np.zeros(len(T), int)
-    squares = freedom = 0.0
+    squares = freedom = support = 0.0
     for i, pairs in enumerate(features):
         for pair in pairs:
             matches = match([pair], T[i], angle, distance)
@@ -146,31 +190,48 @@ def _lines(
             g[i] += np.einsum("nki,n,nk->i", J, weights, r) / len(pairs)
             squares += float((weights[:, None] * r**2).sum())
             freedom += 2 * float(weights.sum())
+            support += float(weights.sum()) / len(pairs)
             count[i] += len(r)
     # Pairs of a pose show the same lines, wrong in the same way: together they count as one.
     variance = CORRELATION * max(1.0, squares / max(freedom - 12, 1.0))
-    return _Lines(H / variance, g / variance, count >= MIN_LINES)
+    return _Lines(H / variance, g / variance, count >= MIN_LINES, support)
 
 
-def _spread(lines: _Lines, encoders: Array, moved: Array) -> tuple[float, NDArray[np.bool_]]:
+def _own(features: Sequence[Sequence[LineFeatures]], T: Array) -> tuple[Array, Array]:
+    """What each pose's own lines say, matched anew with wide gates.
+
+    The joint solution's narrow gates would not let a wrong pose say that it is wrong.
+
+    Returns:
+        (N, 6) perturbations of the extrinsics T and (N, 6, 6) their covariances; NaN without lines.
+    """
+    twists, covariances = np.full((len(T), 6), np.nan), np.full((len(T), 6, 6), np.nan)
+    for i, pairs in enumerate(features):
+        solution, matches = refine(pairs, T[i], solve_projection) if pairs else (None, None)
+        if solution is None or matches is None or len(matches.pair) < MIN_LINES:
+            continue
+        if np.isfinite(solution.covariance).all():
+            twists[i] = se3.log(solution.T_camera_lidar @ se3.inverse(T[i]))
+            covariances[i] = CORRELATION * len(pairs) * solution.covariance
+    return twists, covariances
+
+
+def _judge(own: tuple[Array, Array], encoders: Array) -> tuple[float, NDArray[np.bool_]]:
     """Standard deviations by which poses disagree with the links, and those that fit."""
-    lengths = np.full(len(lines.H), np.inf)
-    for i in map(int, np.flatnonzero(lines.used)):
-        own, covariance = _own(lines, i)
-        left = own - moved[i]
-        lengths[i] = np.sqrt(left @ np.linalg.solve(covariance + encoders[i], left))
-    good = lengths[lines.used]
-    free = max(1.0 - 2.0 / len(good), 0.1)
-    scale = max(1.0, float(np.median(good)) / MEDIAN_6 / np.sqrt(free))
-    inliers = lengths < GATE * scale
-    return scale, inliers if inliers.sum() >= 3 else lines.used
+    from scipy.special import chdtri
 
-
-def _own(lines: _Lines, i: int) -> tuple[Array, Array]:
-    """Perturbation of a pose's extrinsic that its own lines ask for, and its covariance."""
-    weak = np.diag(np.repeat([1 / FAR**2, 1 / np.pi**2], 3))
-    covariance = np.linalg.inv(lines.H[i] + weak)
-    return -covariance @ lines.g[i], covariance
+    twists, covariances = own
+    said = np.isfinite(twists[:, 0])
+    lengths = np.zeros(len(twists))
+    solved = np.linalg.solve((covariances + encoders)[said], twists[said][..., None])[..., 0]
+    lengths[said] = np.sqrt((twists[said] * solved).sum(axis=1))
+    everyone = np.ones(len(twists), bool)
+    if said.sum() < ENOUGH:
+        return 1.0, everyone
+    free = max(1.0 - 2.0 / said.sum(), 0.1)
+    scale = max(1.0, float(np.median(lengths[said])) / MEDIAN_6 / np.sqrt(free))
+    within = lengths < scale * np.sqrt(chdtri(6.0, FALSE_ALARM / said.sum()))
+    return scale, within if 2 * within[said].sum() > said.sum() else everyone
 
 
 def _system(
@@ -206,6 +267,7 @@ def _result(
     problem: Problem,
     state: State,
     lines: _Lines,
+    own: tuple[Array, Array],
     encoders: Array,
     scale: float,
     inliers: NDArray[np.bool_],
@@ -214,10 +276,9 @@ def _result(
     covariance = np.asarray(np.linalg.inv(H), float)
     seen = observability(problem.A[lines.used])
     residuals, left_out = np.full((2, len(C)), np.nan), np.full((2, len(C)), np.nan)
-    for i in map(int, np.flatnonzero(lines.used)):
-        own, _ = _own(lines, i)
+    for i in map(int, np.flatnonzero(np.isfinite(own[0][:, 0]))):
         alone = C[i] @ np.linalg.solve(H - blocks[i], gradients[i])
-        for target, twist in ((residuals, own), (left_out, own - alone)):
+        for target, twist in ((residuals, own[0][i]), (left_out, own[0][i] - alone)):
             target[:, i] = 1e3 * np.linalg.norm(twist[:3]), np.rad2deg(np.linalg.norm(twist[3:]))
     return HandEye(
         T_camera_effector=state.X,
@@ -228,8 +289,8 @@ def _result(
         unobservable=seen.names(),
         residuals=Residuals(*residuals),
         left_out=Residuals(*left_out),
-        outliers=tuple(int(i) for i in np.flatnonzero(lines.used & ~inliers)),
-        failed=tuple(int(i) for i in np.flatnonzero(~lines.used)),
+        outliers=tuple(int(i) for i in np.flatnonzero(~inliers)),
+        failed=tuple(int(i) for i in np.flatnonzero(~lines.used & inliers)),
         scale=scale,
         joint_offsets=state.extra,
         joint_offsets_std=np.sqrt(np.diag(covariance)[12:]),

@@ -102,6 +102,7 @@ def test_a_pose_without_lines_is_named_and_a_wrong_one_costs_little(scene):
     start = State(problem.prior.T_camera_effector, problem.prior.T_base_lidar, np.zeros(0))
     found = solve_features(features, problem, encoders, start)
     assert found.failed == (2,)
+    assert found.outliers == (5,)
     assert np.isnan(found.residuals.mm[2])
     assert np.nanargmax(found.left_out.deg) == 5
     good = np.delete(np.arange(POSES), [2, 5])
