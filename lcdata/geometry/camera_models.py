@@ -80,8 +80,8 @@ def radial_profile(camera: Camera) -> tuple[Array, Array]:
     """What the lens's polynomial makes of distances from the axis.
 
     Returns:
-        (2001,) angles in radians (`fisheye`) or radii on the plane at depth 1 (others), and the
-        (2001,) radii that they are shown at, before the focal length.
+        (N,) angles in radians (`fisheye`) or radii on the plane at depth 1 (others), and the (N,)
+        radii that they are shown at, before the focal length.
     """
     k = np.zeros(14)
     k[: len(camera.distortion)] = camera.distortion
@@ -89,7 +89,8 @@ def radial_profile(camera: Camera) -> tuple[Array, Array]:
         r = np.linspace(0.0, np.pi, 2001)
         r2 = r * r
         return r, r * (1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3]))))
-    r = np.linspace(0.0, 5.0, 2001)
+    # a cloud has points all around: those at 85 degrees must not come back into the image either
+    r = np.append(np.linspace(0.0, 5.0, 2001), np.geomspace(5.0, 1000.0, 1001)[1:])
     if camera.model not in ("pinhole", "omni"):
         return r, r
     r2 = r * r

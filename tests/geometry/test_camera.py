@@ -62,6 +62,14 @@ def test_far_points_do_not_fold_back_into_the_image():
     assert (np.diff(pixels[: last + 1, 0]) > 0).all()
 
 
+def test_points_far_to_the_side_do_not_come_back_through_the_middle():
+    """A slight distortion folds at 80 degrees only, and crosses the axis again at 84."""
+    camera = Camera("pinhole", 640, 480, (400, 400, 320, 240), (-0.01, 0.0, 0, 0))
+    x = np.tan(np.deg2rad(np.linspace(45, 89.99, 5000)))
+    _, inside = camera.project(np.column_stack([x, np.zeros_like(x), np.ones_like(x)]))
+    assert not inside.any()
+
+
 @pytest.mark.parametrize("camera", CAMERAS[1:])
 def test_undistorted_image_shows_points_where_the_undistorted_camera_projects_them(camera):
     """A distorted picture of dots, undistorted, has the dots at pinhole positions."""
