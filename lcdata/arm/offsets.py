@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from lcdata import yaml_file
 from lcdata.errors import ArmError
 
 Array = NDArray[np.float64]
@@ -88,10 +89,12 @@ def read_offsets_file(path: Path) -> JointOffsets:
         ArmError: Not readable, or not of this form.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content, root = yaml_file.parse(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise ArmError(f"{path}: cannot read joint offsets ({reason})") from error
+    for key, first, second in yaml_file.duplicates(root):
+        raise ArmError(f"{path}:{second}: {key} is given twice, first in line {first}", "keep one")
     if not isinstance(content, dict) or not isinstance(content.get("offsets_deg"), dict):
         raise ArmError(
             f"{path}: no key offsets_deg", "write offsets_deg: {joint_1: 0.12, ...} in degrees"

@@ -76,3 +76,10 @@ def test_the_same_arm_is_taken(write, tmp_path):
 def test_a_real_arms_offsets_are_uncertain_unless_the_rig_says_otherwise():
     links = {"T_camera_effector": np.eye(4).tolist(), "T_base_lidar": np.eye(4).tolist()}
     assert Rig.from_dict(links).arm.joint_offset_std_deg == 0.75
+
+
+def test_a_joint_given_twice_is_refused(tmp_path):
+    path = tmp_path / "arm.yaml"
+    path.write_text("serial: 7\noffsets_deg:\n  joint_2: 0.1\n  joint_3: 0.2\n  joint_2: 1.0\n")
+    with pytest.raises(ArmError, match=r":5: offsets_deg\.joint_2 is given twice, first in line 3"):
+        read_offsets_file(path)
