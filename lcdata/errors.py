@@ -48,6 +48,10 @@ class MessageError(RecordingError):
     """A message whose content cannot be used: encoding, field layout, size."""
 
 
+class IntegrationError(RecordingError):
+    """Scans that cannot be brought together into one cloud."""
+
+
 class DatasetError(LcdataError):
     """A data set that is missing, damaged, of another version or in the way."""
 
@@ -58,6 +62,10 @@ class CalibrationError(LcdataError):
 
 class GroundTruthError(LcdataError):
     """Poses, estimates or readings that do not determine what was asked of them."""
+
+
+class MotionError(GroundTruthError):
+    """Images that show another motion than that of the arm's joints."""
 
 
 class SimulationError(LcdataError):

@@ -84,6 +84,7 @@ def package(
         dwells,
         tolerance_ms=rig.pairing.tolerance_ms,
         pairs_per_pose=pairs_per_pose,
+        integration=rig.integration,
     )
     if not any(len(plan.lidar_ns) for plan in plans):
         if far := apart(topics, surveyed):
@@ -113,6 +114,7 @@ def package(
         topics,
         [plan for plan in plans if plan.pose_id in truths],
         camera=scenario.camera,
+        rig=rig,
         journal=journal,
         progress=progress,
     )

@@ -7,9 +7,10 @@ not stop the reading. Few pairs are under way at a time, which bounds the memory
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from lcdata.dataset.journal import Journal
@@ -18,9 +19,11 @@ from lcdata.dataset.validate import checksum
 from lcdata.dataset.writer import write_cloud, write_image
 from lcdata.errors import MessageError
 from lcdata.geometry.camera import Camera
+from lcdata.recording.integration import Merger
 from lcdata.recording.plan import PosePlan, RecordedPair, stream_pairs
 from lcdata.recording.source import Recording
 from lcdata.recording.topics import Topics
+from lcdata.rig import Rig
 
 WRITERS = 2
 UNDER_WAY = 4
@@ -34,6 +37,7 @@ def write_pairs(
     plans: Sequence[PosePlan],
     *,
     camera: Camera,
+    rig: Rig,
     journal: Journal,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[list[PairRecord], list[str]]:
@@ -44,6 +48,7 @@ def write_pairs(
         topics: Its topics.
         plans: Poses and the pairs to take.
         camera: What its images must fit.
+        rig: How its scans are merged.
         journal: Notes each finished pair, and knows those of an interrupted run.
         progress: See `lcdata.dataset.build.Progress`.
 
@@ -81,9 +86,17 @@ def write_pairs(
 
     if progress:
         progress(stage, len(records), len(planned))
+    merger = None
+    pairs: Iterable[RecordedPair] = ()
+    if lost and rig.integration is not None and rig.integration.mode != "none":
+        merger = Merger(recording, topics, rig.integration, rig.point_time)
+        registering = partial(progress, f"registering {recording.scenario}") if progress else None
+        pairs = merger.pairs(plans, records, registering)
+    elif lost:
+        pairs = stream_pairs(recording, topics, plans, skip=records)
     pool = ThreadPoolExecutor(WRITERS, thread_name_prefix="lcdata-write")
     try:
-        for pair in stream_pairs(recording, topics, plans, skip=records) if lost else ():
+        for pair in pairs:
             lost.discard(pair.pair_id)
             future = pool.submit(write_pair, journal.folder, pair, topics, camera)
             under_way.append((pair.pair_id, future))
@@ -94,6 +107,7 @@ def write_pairs(
     finally:  # also on Ctrl-C: what has begun is completed, nothing is begun any more
         pool.shutdown(cancel_futures=True)
     unusable |= dict.fromkeys(sorted(lost), "its messages cannot be read")
+    unusable |= merger.failures if merger else {}
     return list(records.values()), grouped(recording.path, unusable)
 
 
@@ -146,6 +160,7 @@ def write_pair(folder: Path, pair: RecordedPair, topics: Topics, camera: Camera)
         image_sha256=image_sha256,
         cloud_sha256=cloud_sha256,
         points=points,
+        scans=pair.scans,
     )
 
 

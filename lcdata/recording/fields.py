@@ -118,6 +118,21 @@ class PointTimeField:
             return values
         return np.asarray((values - np.nanmin(values)) * UNITS[self.unit])
 
+    def since(self, records: NDArray[np.void], stamp_ns: int) -> NDArray[np.float64]:
+        """(N,) seconds since the cloud's stamp.
+
+        Times that count from an epoch of their own count from the earliest one instead. Where a
+        pulse has no return the time may be anything.
+        """
+        seconds = _values(records, self.name) * UNITS[self.unit]
+        if not self.absolute or not len(seconds):
+            return seconds
+        measured = seconds[np.isfinite(seconds) & (seconds != 0)]
+        start = stamp_ns * 1e-9
+        if len(measured) and abs(np.median(measured) - start) > SCAN_SECONDS[1]:
+            start = float(measured.min())
+        return np.asarray(seconds - start)
+
 
 def point_time(
     records: NDArray[np.void], *, field: str = "auto", unit: str = "auto"

@@ -224,7 +224,13 @@ def _plan(
         dwells = find_dwells(surveyed.joint_ns, surveyed.positions, rules)
         if not dwells:
             summary.obstacles.append(no_dwell(surveyed, rules))
-    poses = plan_poses(summary.scenario, surveyed, dwells, tolerance_ms=pairing.tolerance_ms)
+    poses = plan_poses(
+        summary.scenario,
+        surveyed,
+        dwells,
+        tolerance_ms=pairing.tolerance_ms,
+        integration=rig.integration if rig else None,
+    )
     starts = [s[0] for s in (surveyed.lidar_ns, surveyed.image_ns, surveyed.joint_ns) if len(s)]
     summary.poses = [_pose(pose, int(min(starts)), arm) for pose in poses]
     if report is not None and arm is not None and rig is not None:

@@ -144,14 +144,16 @@ class RecordedPair:
     Args:
         pose: Where it belongs.
         number: Its number within the pose.
-        cloud: The scan.
+        cloud: The scan, or what several make.
         image: The image.
+        scans: How many scans the cloud is of.
     """
 
     pose: PosePlan
     number: int
     cloud: Cloud
     image: Image
+    scans: int = 1
 
     @property
     def pair_id(self) -> str:
