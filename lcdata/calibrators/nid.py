@@ -1,0 +1,273 @@
+"""Direct registration: LiDAR intensities on the image's, by normalised information distance."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.calibrators.base import Calibration, Calibrator
+from lcdata.calibrators.nid_verdict import Minimum, judge
+from lcdata.errors import CalibrationError
+from lcdata.features.nid_objective import (
+    NidFeatures,
+    Objective,
+    nid_features,
+    objective,
+)
+from lcdata.features.nid_search import Stage, bfgs, different, nelder_mead, shrinking_search
+from lcdata.features.nid_views import whereabouts
+from lcdata.geometry import se3
+from lcdata.pair import Pair
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("global", "bfgs", "nelder_mead")
+
+FEWEST_POINTS = 300
+"""Points in view below which a histogram of 256 cells says nothing."""
+
+SETTLED_M, SETTLED_RAD = 0.001, np.deg2rad(0.01)
+"""Culling and registration are repeated until the pose moves less."""
+
+BLUNT, MIDDLE, SHARP = (0, 1), (1, 2), (2, 3)
+"""Distance fields of the search's levels."""
+
+THIN = (2000, 4000, 8000)
+"""Points of all pairs together at each level of the search, a pair at least `THIN_PAIR`."""
+THIN_PAIR = 1000
+
+STAGES = (
+    Stage(0, 0.35, 60, 800),
+    Stage(0, 0.2, 40, 600),
+    Stage(1, 0.12, 25, 400),
+    Stage(1, 0.07, 15, 300),
+    Stage(2, 0.04, 10, 200),
+)
+
+CANDIDATES = 4
+"""Different poses of the search that are refined."""
+
+REFINED_POINTS = 20_000
+"""Points that candidates are refined with."""
+
+
+@dataclass(frozen=True)
+class NidCalibrator(Calibrator):
+    """A method that compares intensities.
+
+    The box around the initial guess has to contain its error.
+
+    Args:
+        solver: `"global"` (a shrinking random search, then BFGS), `"bfgs"` with the analytic
+            gradient, or `"nelder_mead"` as in the paper.
+        search_rotation_deg: Half-width of the box about each axis, degrees.
+        search_translation_m: Half-width of the box along each axis, metres.
+        search_samples: Poses in the first stage of the search.
+        rounds: Hidden points are removed and the rest registered so many times at most.
+        max_rotation_sigma_deg: A result is not trusted if the predicted standard deviation of
+            its rotation is larger, degrees.
+        max_translation_sigma_m: The same of the translation, metres.
+        seed: Seed of the search's random numbers.
+    """
+
+    solver: str = "global"
+    search_rotation_deg: float = 2.0
+    search_translation_m: float = 0.2
+    search_samples: int = 3000
+    rounds: int = 6
+    max_rotation_sigma_deg: float = 0.25
+    max_translation_sigma_m: float = 0.05
+    seed: int = 0
+
+    with_edges: ClassVar[bool]
+
+    def __post_init__(self) -> None:
+        if self.solver not in SOLVERS:
+            raise CalibrationError(
+                f"method {self.name!r}: solver is {self.solver!r}", f"use {', '.join(SOLVERS)}"
+            )
+        limits = {
+            "search_rotation_deg": 180.0,
+            "search_translation_m": math.inf,
+            "search_samples": 10_000_000,
+            "rounds": 1000,
+            "max_rotation_sigma_deg": math.inf,
+            "max_translation_sigma_m": math.inf,
+        }
+        for name, highest in limits.items():
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and 0 < value <= highest):
+                raise CalibrationError(
+                    f"method {self.name!r}: {name} is {value!r}",
+                    f"give a number above 0, at most {highest:g}",
+                )
+        for name in ("search_samples", "rounds", "seed"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 0:
+                raise CalibrationError(
+                    f"method {self.name!r}: {name} is {value!r}", "give a whole number"
+                )
+
+    @property
+    def box(self) -> Array:
+        """(6,) half-widths, metres then radians."""
+        return np.repeat([self.search_translation_m, np.deg2rad(self.search_rotation_deg)], 3)
+
+    def calibrate(
+        self,
+        pairs: Sequence[Pair],
+        initial: Array | None,
+        prepared: Sequence[Any] | None = None,
+    ) -> Calibration:
+        """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
+        started = time.perf_counter()
+        if initial is None or not pairs:
+            raise CalibrationError(
+                f"method {self.name!r} got {len(pairs)} pairs and initial guess {initial}",
+                "give one pair or more and a 4x4 T_camera_lidar",
+            )
+        T_initial = np.array(initial, float)
+        ready = prepared or [None] * len(pairs)
+        features = [
+            self.prepare(pair) if done is None else done
+            for pair, done in zip(pairs, ready, strict=True)
+        ]
+        first = objective(features, T_initial, self.with_edges)
+        if first.inside < FEWEST_POINTS * len(pairs):
+            return _blind(features, T_initial, first.inside, started)
+        found, last = self._register(features, T_initial, first)
+        # Both costs of the points that are in view in the end, or they could not be compared.
+        cost_initial = last.soft(T_initial)[0]
+        covariance, undetermined, doubts = judge(
+            last,
+            found,
+            T_initial,
+            self.box,
+            (self.max_translation_sigma_m, self.max_rotation_sigma_deg),
+            np.random.default_rng([self.seed, 1]),
+        )
+        cost = last.soft(found.T)[0]
+        if not cost < cost_initial and not np.array_equal(found.T, T_initial):
+            doubts.append("diverged: no better than the initial guess")
+        return Calibration(
+            found.T,
+            converged=not (undetermined or doubts),
+            degenerate=bool(undetermined),
+            covariance=covariance,
+            seconds=time.perf_counter() - started,
+            cost_initial=cost_initial,
+            cost_final=cost,
+            message="; ".join(undetermined + doubts),
+        )
+
+    def _register(
+        self, features: Sequence[NidFeatures], T_initial: Array, first: Objective
+    ) -> tuple[Minimum, Objective]:
+        """Remove hidden points and register the rest, again and again."""
+        rng = np.random.default_rng(self.seed)
+        current, found = first, Minimum(T_initial, ())
+        for k in range(self.rounds):
+            if k:
+                current = objective(features, found.T, self.with_edges)
+            T = self._step(current, found, k, rng)
+            moved = np.abs(se3.log(T.T @ se3.inverse(found.T)))
+            found = T
+            if k and moved[:3].max() < SETTLED_M and moved[3:].max() < SETTLED_RAD:
+                break
+        return found, current
+
+    def _step(
+        self, current: Objective, found: Minimum, k: int, rng: np.random.Generator
+    ) -> Minimum:
+        """One registration of points that stay the same."""
+        if self.solver == "nelder_mead":
+            T, _ = nelder_mead(current.hard, found.T, self.box * (0.5 if k == 0 else 0.05))
+            return Minimum(T, ())
+        if self.solver == "bfgs" or k > 1:
+            reach = self.box * (1.0 if k == 0 else 0.25)
+            return Minimum(bfgs(current.slope, found.T, reach)[0], found.others)
+        reach = self.box * (1.0 if k == 0 else 0.35)
+        samples, candidates = self.search_samples // (1 + 2 * k), CANDIDATES // (1 + k)
+        minima = search(current, found.T, reach, samples, candidates, rng)
+        T, _ = bfgs(current.slope, minima[0][0], reach * 0.5)
+        return Minimum(T, tuple(minima[1:]) if k == 0 else found.others)
+
+
+def search(
+    current: Objective,
+    T: Array,
+    reach: Array,
+    samples: int,
+    candidates: int,
+    rng: np.random.Generator,
+) -> list[tuple[Array, float]]:
+    """Different minima in a box, best first, each with its cost.
+
+    Args:
+        current: What to minimise.
+        T: 4x4 middle of the box.
+        reach: (6,) half-widths, metres then radians.
+        samples: Poses in the first round.
+        candidates: Different poses of the search that are refined.
+        rng: Of everything random.
+    """
+    least = THIN_PAIR * len(current.views)
+    thin = [current.thinned(max(count, least * (k + 1)), rng) for k, count in enumerate(THIN)]
+    costs = [
+        lambda poses, o=o, levels=levels: o.hard(poses, levels)
+        for o, levels in zip(thin, (BLUNT, MIDDLE, SHARP), strict=True)
+    ]
+    half_width = np.concatenate([reach[3:], reach[:3]])
+    poses, _ = shrinking_search(costs, T, half_width, samples, STAGES, rng)
+    refined = current.thinned(REFINED_POINTS, rng)
+    starts = different(poses, candidates, 0.05 * reach)
+    return sorted(
+        (bfgs(refined.slope, start, 0.25 * reach, 20, 1e-6) for start in starts),
+        key=lambda item: item[1],
+    )
+
+
+def _blind(
+    features: Sequence[NidFeatures], T_initial: Array, inside: int, started: float
+) -> Calibration:
+    places = "; ".join(dict.fromkeys(whereabouts(f.image, f.points, T_initial) for f in features))
+    seen = "no point" if inside == 0 else f"only {inside} points"
+    return Calibration(
+        T_initial,
+        converged=False,
+        degenerate=True,
+        covariance=np.full((6, 6), np.nan),
+        seconds=time.perf_counter() - started,
+        message=f"{seen} in view from the initial guess: {places}",
+    )
+
+
+@dataclass(frozen=True)
+class Nid(NidCalibrator):
+    """Minimise the NID of LiDAR and image intensities (Koide et al. 2023, section III-E)."""
+
+    name: ClassVar[str] = "nid"
+    with_edges: ClassVar[bool] = False
+
+    def prepare(self, pair: Pair) -> NidFeatures:
+        """Equalised image and finite points of one pair."""
+        return nid_features(pair, False)
+
+
+@dataclass(frozen=True)
+class NidEdge(NidCalibrator):
+    """NID and edges together: for sparse scans, several pairs jointly. Ours, not in the paper."""
+
+    name: ClassVar[str] = "nid_edge"
+    with_edges: ClassVar[bool] = True
+
+    def prepare(self, pair: Pair) -> NidFeatures:
+        """The same as for `nid`, and the edges of cloud and image."""
+        return nid_features(pair, True)

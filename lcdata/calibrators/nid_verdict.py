@@ -1,0 +1,206 @@
+"""Whether a minimum of NID can be trusted, and how far it may be off.
+
+NID has many minima, and its depth alone says little: a sparse scan can fit a wrong pose better
+than the right one. So a result is trusted only if halves of the data, searched anew from
+elsewhere, come to the same pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.features.chamfer_search import displaced
+from lcdata.features.nid_objective import Objective
+from lcdata.features.nid_search import Stage, bfgs, shrinking_search
+from lcdata.geometry import se3
+
+Array = NDArray[np.float64]
+
+AGREE_M, AGREE_RAD = 0.1, np.deg2rad(0.5)
+"""Halves of the data must come to poses this close, as far as a success may be off."""
+
+MIN_CONTRAST = 3.0
+"""Least depth of the minimum under the mean of poses around, in their standard deviations."""
+
+RIVAL = 0.9
+"""Another minimum of at least so much of the depth makes the result ambiguous."""
+
+INFLATION = 2.0
+"""Variance of the estimate over the predicted one, measured on simulated pairs."""
+
+REACH = 1.5
+"""Largest correction of the initial guess on one axis, in half-widths of the box."""
+
+HALF_STAGES = (
+    Stage(0, 0.3, 30, 400),
+    Stage(0, 0.15, 20, 300),
+    Stage(0, 0.07, 10, 200),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where a registration ended.
+
+    Args:
+        T: 4x4 `T_camera_lidar`.
+        others: Other minima with their costs.
+    """
+
+    T: Array
+    others: tuple[tuple[Array, float], ...]
+
+
+def judge(
+    last: Objective,
+    found: Minimum,
+    T_initial: Array,
+    box: Array,
+    limits: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[Array, list[str], list[str]]:
+    """Predicted covariance, what is undetermined, and what is doubtful about a result.
+
+    Args:
+        last: What was minimised.
+        found: Its minimum.
+        T_initial: 4x4 initial guess.
+        box: (6,) half-widths of the search, metres then radians.
+        limits: Largest standard deviations, metres and degrees.
+        rng: Of the probes.
+    """
+    doubts = []
+    undetermined = []
+    covariance = sandwich(last, found.T)
+    if covariance is None:
+        covariance = np.full((6, 6), np.nan)
+        undetermined.append("the cost is not curved in every direction")
+    else:
+        sigma = np.sqrt(np.diag(covariance))
+        metres = float(np.linalg.norm(sigma[:3]))
+        degrees = float(np.rad2deg(np.linalg.norm(sigma[3:])))
+        if metres > limits[0] or degrees > limits[1]:
+            undetermined.append(
+                f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"
+            )
+    turned = np.abs(se3.log(found.T @ se3.inverse(T_initial))[3:]) / box[3:]
+    moved = np.abs((found.T - T_initial)[:3, 3]) / box[:3]
+    if max(turned.max(), moved.max()) > REACH:
+        doubts.append("the estimate left the box of the search")
+    depth, contrast = _landscape(last, found.T, box, rng)
+    if contrast < MIN_CONTRAST:
+        doubts.append(f"poses around fit nearly as well (contrast {contrast:.1f})")
+    for T, rival_depth in _rivals(last, found, depth):
+        degrees = np.rad2deg(se3.rotation_error(T, found.T))
+        metres = se3.translation_error(T, found.T)
+        place = f"{degrees:.2g} deg and {metres:.2g} m away"
+        doubts.append(f"a second minimum {place} is {rival_depth:.0%} as deep")
+    apart = halves_apart(last, found.T, box, rng)
+    if apart[0] > AGREE_M or apart[1] > AGREE_RAD:
+        what = "halves of the pairs" if len(last.views) > 1 else "halves of the image"
+        doubts.append(f"{what} disagree by {np.rad2deg(apart[1]):.2g} deg, {apart[0]:.2g} m")
+    return covariance, undetermined, doubts
+
+
+def sandwich(last: Objective, T: Array) -> Array | None:
+    """6x6 covariance H^-1 (sum g g^T) H^-1 of a minimum; None where it is none.
+
+    H is the Hessian of the cost, g the gradient's share of one part of one image: neighbouring
+    points are wrong together, parts of the image are not (White 1982, clustered).
+    """
+    for scale in (1.0, 2.0, 4.0):
+        H = _curvature(last, T, scale * np.repeat([0.01, np.deg2rad(0.1)], 3))
+        if H is not None:
+            break
+    else:
+        return None
+    shares = last.soft(T)[1]
+    inverse = np.linalg.inv(H)
+    covariance = INFLATION * inverse @ (shares.T @ shares) @ inverse
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _curvature(last: Objective, T: Array, spread: Array, probes: int = 16) -> Array | None:
+    """Hessian that explains best how the gradient changes from place to place around a pose.
+
+    The cost is rough on the scale of a pixel, so that differences close by say little.
+
+    Args:
+        last: The cost.
+        T: 4x4 its minimum.
+        spread: (6,) standard deviations of the probes, metres then radians.
+        probes: Pairs of them, opposite to each other.
+
+    Returns:
+        (6, 6), or None where it is not positive definite.
+    """
+    from scipy.stats import qmc
+
+    places = np.sqrt(3.0) * (2.0 * qmc.Sobol(6, rng=0).random(probes) - 1.0)
+    changes = np.empty((probes, 6))
+    for place, change in zip(places, changes, strict=True):
+        ahead, back = (last.slope(se3.exp(s * place * spread) @ T)[1] for s in (1.0, -1.0))
+        change[:] = 0.5 * (ahead - back) * spread
+    H = np.linalg.lstsq(places, changes, rcond=None)[0]
+    H = 0.5 * (H + H.T)
+    values = np.linalg.eigvalsh(H)
+    if values[0] <= 1e-3 * max(values[-1], 0.0) or values[-1] <= 0.0:
+        return None
+    return np.asarray(H / np.outer(spread, spread))
+
+
+def _landscape(
+    last: Objective, T: Array, box: Array, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Depth of a minimum under the mean of poses around, and over their standard deviation."""
+    around = rng.uniform(-1, 1, (200, 6)) * np.concatenate([box[3:], box[:3]])
+    thin = last.thinned(8000, rng)
+    costs = thin.hard(np.concatenate([T[None], displaced(T, around)]))
+    rest = costs[1:][np.isfinite(costs[1:])]
+    if len(rest) < 20:
+        return 0.0, 0.0
+    depth = float(rest.mean() - costs[0])
+    return depth, depth / max(float(rest.std()), 1e-12)
+
+
+def _rivals(last: Objective, found: Minimum, depth: float) -> list[tuple[Array, float]]:
+    """Other minima nearly as deep, not the same by the limits of success."""
+    cost = last.soft(found.T)[0]
+    result = []
+    for T, _ in found.others:
+        if (
+            se3.translation_error(T, found.T) < AGREE_M
+            and se3.rotation_error(T, found.T) < AGREE_RAD
+        ):
+            continue
+        share = 1.0 - (last.soft(T)[0] - cost) / max(depth, 1e-12)
+        if share > RIVAL:
+            result.append((T, share))
+    return result[:1]
+
+
+def halves_apart(
+    last: Objective, T: Array, box: Array, rng: np.random.Generator
+) -> tuple[float, float]:
+    """How far halves of the data, each searched from elsewhere, come from each other and from T.
+
+    Returns:
+        Metres and radians, the largest.
+    """
+    poses = [T]
+    for odd in (0, 1):
+        half = last.half(odd)
+        start = displaced(T, rng.uniform(-0.4, 0.4, (1, 6)) * np.concatenate([box[3:], box[:3]]))[0]
+        thin = half.thinned(3000 * len(half.views), rng)
+        width = np.concatenate([box[3:], box[:3]])
+        found, _ = shrinking_search([thin.hard], start, width, 1000, HALF_STAGES, rng)
+        poses.append(bfgs(half.thinned(15_000, rng).slope, found[0], 0.3 * box, 20, 1e-6)[0])
+    metres, radians = 0.0, 0.0
+    for i in range(3):
+        for j in range(i):
+            metres = max(metres, se3.translation_error(poses[i], poses[j]))
+            radians = max(radians, se3.rotation_error(poses[i], poses[j]))
+    return metres, radians

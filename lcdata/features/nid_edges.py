@@ -1,0 +1,235 @@
+"""Edges of the cloud on edges of the image: what sharpens NID on sparse scans.
+
+Cloud edges are steps of range, and of reflectance, from point to point along a ring. Image edges
+are Canny's, horizontal ones left out: rings cannot see them. The distance to the next edge, cut
+off, has its mean over the neighbourhood taken away: without that it rewards clutter, and zero
+becomes the natural cost of a point outside the image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lcdata.features.nid_kernels import FAST
+from lcdata.features.nid_views import NidImage
+from lcdata.features.scan_grid import ring_from_elevation, ring_from_scan_order
+from lcdata.geometry.camera_kernels import project_point, project_point_jacobian
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+TRUNCATIONS = (0.06, 0.025, 0.012, 0.006)
+"""Distances beyond which nothing is gained, radians, coarse to fine."""
+
+CLUTTER = 0.2
+"""Edge of the box over which the distances' mean is taken away, radians."""
+
+STEP_M, STEP_SHARE = 0.4, 0.03
+"""How much farther the next point of a ring must be, metres and share of the range."""
+
+FARTHEST_M = 60.0
+PAINT_SHARE = 0.04
+"""Share of the points that are at the strongest reflectance steps."""
+PAINT_WEIGHT = 0.5
+"""What a step of reflectance counts beside one of range."""
+
+LARGEST_GAP = 3.0
+"""Points of a ring farther apart than so many typical gaps are not neighbours."""
+
+
+def edge_points(
+    points: Floats,
+    intensity: Floats,
+    organised: tuple[int, int] | None = None,
+    ring: NDArray[np.integer[Any]] | None = None,
+) -> tuple[Floats, Floats]:
+    """Points at steps of range and of reflectance along rings.
+
+    Args:
+        points: (N, 3) in the LiDAR frame, metres; NaN or zeros where nothing came back.
+        intensity: (N,).
+        organised: (rings, columns) if the points are a row-major image of the scan.
+        ring: (N,) ring numbers; otherwise from the points' order or elevation. A cloud that has
+            no rings is cut into rings of its own density.
+
+    Returns:
+        (M, 3) points in the LiDAR frame, metres, and their (M,) weights.
+    """
+    with np.errstate(invalid="ignore"):
+        distance = np.linalg.norm(points, axis=1)
+        good = np.flatnonzero((distance > 0.5) & (distance < 1e4) & np.isfinite(intensity))
+    if len(good) < 100:
+        return np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    cloud = points[good]
+    if organised is not None:
+        rank = good // organised[1]
+    elif ring is not None:
+        rank = np.unique(np.asarray(ring)[good], return_inverse=True)[1]
+    else:
+        found = ring_from_scan_order(cloud)
+        if found is None:
+            found = ring_from_elevation(cloud)
+        rank = _own_rings(cloud) if found is None else np.asarray(found)
+    azimuth = np.arctan2(cloud[:, 1], cloud[:, 0])
+    order = np.lexsort((azimuth, rank))
+    cloud, rank, azimuth = cloud[order], rank[order], azimuth[order]
+    light, far = intensity[good][order], distance[good][order]
+    gap = np.diff(azimuth)
+    same = (np.diff(rank) == 0) & (gap > 0)
+    if not same.any():
+        return np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    same &= gap < LARGEST_GAP * max(float(np.median(gap[same])), 1e-3)
+    step = np.diff(far)
+    needed = np.maximum(STEP_M, STEP_SHARE * np.minimum(far[1:], far[:-1]))
+    before = np.flatnonzero(same & (step > needed) & (far[:-1] < FARTHEST_M))
+    after = np.flatnonzero(same & (step < -needed) & (far[1:] < FARTHEST_M))
+    ray = cloud / far[:, None]
+    middle = ray[1:] + ray[:-1]
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    depth = np.concatenate(
+        [middle[before] * far[before, None], middle[after] * far[after + 1, None]]
+    )
+    paint = _paint(light, far, same, middle)
+    found_points = np.concatenate([depth, paint]).astype(np.float32)
+    weights = np.repeat([1.0, PAINT_WEIGHT], [len(depth), len(paint)]).astype(np.float32)
+    return np.ascontiguousarray(found_points), weights
+
+
+def _paint(light: Floats, far: Floats, same: NDArray[np.bool_], middle: Floats) -> Floats:
+    """Points at the strongest steps of reflectance on unbroken surfaces."""
+    scale = max(float(np.median(light[light > 0])) if (light > 0).any() else 0.0, 1e-9)
+    level = np.log(light + 0.3 * scale)
+    smooth = same & (np.abs(np.diff(far)) < 0.02 * far[1:]) & (far[1:] < FARTHEST_M)
+    strength = np.where(smooth, np.abs(np.diff(level)), 0.0)
+    peak = strength.copy()
+    peak[1:] = np.where(strength[1:] < strength[:-1], 0.0, peak[1:])
+    peak[:-1] = np.where(strength[:-1] <= strength[1:], 0.0, peak[:-1])
+    count = int(PAINT_SHARE * len(light))
+    best = np.argsort(-peak, kind="stable")[:count]
+    best = best[peak[best] > 0.2]
+    return np.asarray(middle[best] * (0.5 * (far[best] + far[best + 1]))[:, None])
+
+
+def _own_rings(cloud: Floats) -> NDArray[np.int64]:
+    """Rings of equal height for a cloud that has none, about as many as its density bears."""
+    elevation = np.arctan2(cloud[:, 2], np.hypot(cloud[:, 0], cloud[:, 1]))
+    low, high = np.percentile(elevation, [0.5, 99.5])
+    azimuth = np.arctan2(cloud[:, 1], cloud[:, 0])
+    width = max(len(np.unique((azimuth / 0.01).astype(int))) * 0.01, 0.05)
+    height = max(float(high - low), 0.02)
+    cell = np.sqrt(width * height / len(cloud))
+    return np.asarray(np.floor((elevation - low) / max(cell, 1e-4)), np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeFields:
+    """Distances to the image's edges, their local mean taken away, at each truncation.
+
+    Args:
+        fields: (len(TRUNCATIONS), h, w) float32, below 0 near an edge that stands alone.
+    """
+
+    fields: Floats
+
+
+def edge_fields(image: NidImage) -> EdgeFields:
+    """Distance fields of one image at the resolution of the registration."""
+    import cv2
+
+    focal = image.focal
+    smooth = cv2.GaussianBlur(image.grey, (0, 0), max(0.0012 * focal, 0.5))
+    gx, gy = (cv2.Sobel(smooth, cv2.CV_16S, dx, 1 - dx) for dx in (1, 0))
+    high = float(np.percentile(np.abs(gx) + np.abs(gy), 92))
+    edges = cv2.Canny(gx, gy, 0.4 * high, max(high, 20.0))
+    edges[np.abs(gx) < 0.4 * np.abs(gy)] = 0
+    distance = cv2.distanceTransform(255 - edges, cv2.DIST_L2, 5)
+    box = max(3, round(CLUTTER * focal))
+    fields = []
+    for truncation in TRUNCATIONS:
+        cut = np.minimum(distance / (truncation * focal), 1.0)
+        fields.append(cut - cv2.blur(cut, (box, box), borderType=cv2.BORDER_REFLECT))
+    return EdgeFields(np.ascontiguousarray(fields, np.float32))
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def edge_costs(model, parameters, poses, points, weights, field, costs):  # type: ignore[no-untyped-def]
+    """Add the weighted sums of a field at the projected points to the costs of many poses.
+
+    Args:
+        model: Number of the camera model.
+        parameters: Its parameters, for this image's size.
+        poses: (P, 12) R row by row, then t, of `T_camera_lidar`.
+        points: (N, 3) float32 in the LiDAR frame, metres.
+        weights: (N,) float32.
+        field: (h, w) float32.
+        costs: (P,) added to.
+    """
+    height, width = field.shape
+    right, bottom = width - 0.5, height - 0.5
+    for k in range(poses.shape[0]):
+        r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = poses[k]
+        total = 0.0
+        for i in range(points.shape[0]):
+            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+            u, v, ok = project_point(
+                model,
+                parameters,
+                r00 * x + r01 * y + r02 * z + tx,
+                r10 * x + r11 * y + r12 * z + ty,
+                r20 * x + r21 * y + r22 * z + tz,
+            )
+            if ok and u >= -0.5 and v >= -0.5 and u < right and v < bottom:
+                total += weights[i] * field[np.int32(v + 0.5), np.int32(u + 0.5)]
+        costs[k] += total
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def edge_gradient(model, parameters, pose, points, weights, field, groups, gradients):  # type: ignore[no-untyped-def]
+    """Weighted sum of a field, interpolated, at one pose, and its gradient.
+
+    Args:
+        model: Number of the camera model.
+        parameters: Its parameters, for this image's size.
+        pose: (12,) R row by row, then t, of `T_camera_lidar`.
+        points: (N, 3) float32 in the LiDAR frame, metres.
+        weights: (N,) float32.
+        field: (h, w) float32.
+        groups: (N,) uint8 row of `gradients` that a point's share goes to.
+        gradients: (G, 6) by a left perturbation of the pose, translation then rotation; added to.
+
+    Returns:
+        The sum.
+    """
+    height, width = field.shape
+    total = 0.0
+    for i in range(points.shape[0]):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        px = pose[0] * x + pose[1] * y + pose[2] * z + pose[9]
+        py = pose[3] * x + pose[4] * y + pose[5] * z + pose[10]
+        pz = pose[6] * x + pose[7] * y + pose[8] * z + pose[11]
+        u, v, ux, uy, uz, vx, vy, vz, ok = project_point_jacobian(model, parameters, px, py, pz)
+        if not (ok and u > 0.0 and v > 0.0 and u < width - 1.0 and v < height - 1.0):
+            continue
+        column, row = np.int32(u), np.int32(v)
+        fu, fv = u - column, v - row
+        i00, i01 = np.float64(field[row, column]), np.float64(field[row, column + 1])
+        i10, i11 = np.float64(field[row + 1, column]), np.float64(field[row + 1, column + 1])
+        top, low = i00 + fu * (i01 - i00), i10 + fu * (i11 - i10)
+        weight = np.float64(weights[i])
+        total += weight * (top + fv * (low - top))
+        du = weight * ((i01 - i00) + fv * ((i11 - i10) - (i01 - i00)))
+        dv = weight * (low - top)
+        gx, gy, gz = du * ux + dv * vx, du * uy + dv * vy, du * uz + dv * vz
+        g = groups[i]
+        gradients[g, 0] += gx
+        gradients[g, 1] += gy
+        gradients[g, 2] += gz
+        gradients[g, 3] += py * gz - pz * gy
+        gradients[g, 4] += pz * gx - px * gz
+        gradients[g, 5] += px * gy - py * gx
+    return total

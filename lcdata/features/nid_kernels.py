@@ -1,0 +1,169 @@
+"""Histograms of LiDAR and image intensities at a pose, hard and soft, compiled.
+
+Everything is one pass over the points: transform, project by any camera model, look up, count.
+The soft histogram's second pass turns the slopes of a cost with respect to the counts into its
+gradient with respect to the pose. numba kernels: import this module only where it is used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from lcdata.geometry.camera_kernels import project_point, project_point_jacobian
+
+BINS = 16
+
+FAST = {"contract", "arcp", "reassoc", "nsz"}
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def count_hard(model, parameters, poses, points, bins, image, counts):  # type: ignore[no-untyped-def]
+    """Add to the joint histograms of many poses on one image.
+
+    Args:
+        model: Number of the camera model.
+        parameters: Its parameters, for this image's size.
+        poses: (P, 12) R row by row, then t, of `T_camera_lidar`.
+        points: (N, 3) float32 in the LiDAR frame, metres.
+        bins: (N,) uint8 bin of each point's intensity, below `BINS`.
+        image: (h, w) uint8 bin of each pixel, below `BINS`.
+        counts: (P, BINS, BINS) int32, LiDAR by image; added to.
+    """
+    height, width = image.shape
+    pixels = image.reshape(-1)
+    right, bottom = width - 0.5, height - 0.5
+    # Two tables in turn: neighbouring points often share a cell, and would wait for each other.
+    table = np.zeros(2 * BINS * BINS, np.int32)
+    for k in range(poses.shape[0]):
+        r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = poses[k]
+        table[:] = 0
+        for i in range(points.shape[0]):
+            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+            u, v, ok = project_point(
+                model,
+                parameters,
+                r00 * x + r01 * y + r02 * z + tx,
+                r10 * x + r11 * y + r12 * z + ty,
+                r20 * x + r21 * y + r22 * z + tz,
+            )
+            if ok and u >= -0.5 and v >= -0.5 and u < right and v < bottom:
+                pixel = np.int32(v + 0.5) * width + np.int32(u + 0.5)
+                cell = ((i & 1) * BINS + bins[i]) * BINS + pixels[np.uint32(pixel)]
+                table[np.uint32(cell)] += 1
+        for a in range(BINS):
+            for b in range(BINS):
+                counts[k, a, b] += table[a * BINS + b] + table[(BINS + a) * BINS + b]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def count_soft(model, parameters, pose, points, bins, image, border, counts, kept):  # type: ignore[no-untyped-def]
+    """Add to the soft joint histogram of one pose, and keep what its gradient needs.
+
+    The image's bins are soft: the interpolated intensity is spread over four bins by a cubic
+    B-spline. The LiDAR's are hard: a point's own intensity does not depend on the pose. Near the
+    image's border a point counts less, so that leaving it is smooth.
+
+    Args:
+        model: Number of the camera model.
+        parameters: Its parameters, for this image's size.
+        pose: (12,) R row by row, then t, of `T_camera_lidar`.
+        points: (N, 3) float32 in the LiDAR frame, metres.
+        bins: (N,) uint8 bin of each point's intensity, below `BINS`.
+        image: (h, w) float32 intensity in units of bins, 0 .. BINS - 3.
+        border: Width of the strip in which points fade, pixels.
+        counts: (BINS, BINS) float64, LiDAR by image; added to.
+        kept: (N, 11) float32: intensity, weight, point in the camera frame (3), slopes of
+            the intensity (3) and of the weight (3) by the point; a weight of 0 is out of view.
+    """
+    height, width = image.shape
+    for i in range(points.shape[0]):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        px = pose[0] * x + pose[1] * y + pose[2] * z + pose[9]
+        py = pose[3] * x + pose[4] * y + pose[5] * z + pose[10]
+        pz = pose[6] * x + pose[7] * y + pose[8] * z + pose[11]
+        kept[i, 1] = 0.0
+        u, v, ux, uy, uz, vx, vy, vz, ok = project_point_jacobian(model, parameters, px, py, pz)
+        if not (ok and u > 0.0 and v > 0.0 and u < width - 1.0 and v < height - 1.0):
+            continue
+        column, row = np.int32(u), np.int32(v)
+        fu, fv = u - column, v - row
+        i00, i01 = np.float64(image[row, column]), np.float64(image[row, column + 1])
+        i10, i11 = np.float64(image[row + 1, column]), np.float64(image[row + 1, column + 1])
+        top, low = i00 + fu * (i01 - i00), i10 + fu * (i11 - i10)
+        value = top + fv * (low - top)
+        du = (i01 - i00) + fv * ((i11 - i10) - (i01 - i00))
+        dv = low - top
+        weight, wu, wv = 1.0, 0.0, 0.0
+        gap_u, gap_v = min(u, width - 1.0 - u), min(v, height - 1.0 - v)
+        if gap_u < border:
+            weight = gap_u / border
+            wu = (1.0 if u == gap_u else -1.0) / border
+        if gap_v < border:
+            wu *= gap_v / border
+            wv = weight * (1.0 if v == gap_v else -1.0) / border
+            weight *= gap_v / border
+        first: int = min(int(value), BINS - 4)
+        t = value - first
+        s = 1.0 - t
+        a = bins[i]
+        sixth = weight / 6.0
+        t2, s2 = t * t, s * s
+        counts[a, first] += sixth * s2 * s
+        counts[a, first + 1] += sixth * (4.0 + t2 * (3.0 * t - 6.0))
+        counts[a, first + 2] += sixth * (4.0 + s2 * (3.0 * s - 6.0))
+        counts[a, first + 3] += sixth * t2 * t
+        kept[i, 0], kept[i, 1] = value, weight
+        kept[i, 2], kept[i, 3], kept[i, 4] = px, py, pz
+        kept[i, 5] = du * ux + dv * vx
+        kept[i, 6] = du * uy + dv * vy
+        kept[i, 7] = du * uz + dv * vz
+        if wu != 0.0 or wv != 0.0:
+            kept[i, 8] = wu * ux + wv * vx
+            kept[i, 9] = wu * uy + wv * vy
+            kept[i, 10] = wu * uz + wv * vz
+        else:
+            kept[i, 8] = kept[i, 9] = kept[i, 10] = 0.0
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def soft_gradient(bins, kept, slopes, groups, gradients):  # type: ignore[no-untyped-def]
+    """Add the points' shares of the gradient of a cost of `count_soft`'s counts.
+
+    Args:
+        bins: See `count_soft`.
+        kept: See `count_soft`.
+        slopes: (BINS, BINS) derivative of the cost by each count.
+        groups: (N,) uint8 row of `gradients` that a point's share goes to.
+        gradients: (G, 6) by a left perturbation of the pose, translation then rotation; added to.
+    """
+    for i in range(bins.shape[0]):
+        weight = np.float64(kept[i, 1])
+        if weight == 0.0:
+            continue
+        value = np.float64(kept[i, 0])
+        first: int = min(int(value), BINS - 4)
+        t = value - first
+        s = 1.0 - t
+        a = bins[i]
+        d0, d1 = slopes[a, first], slopes[a, first + 1]
+        d2, d3 = slopes[a, first + 2], slopes[a, first + 3]
+        t2, s2 = t * t, s * s
+        by_value = (
+            0.5 * weight * (d3 * t2 - d0 * s2 + d1 * t * (3.0 * t - 4.0) - d2 * s * (3.0 * s - 4.0))
+        )
+        gx, gy, gz = by_value * kept[i, 5], by_value * kept[i, 6], by_value * kept[i, 7]
+        if weight < 1.0:
+            mean = d0 * s2 * s + d1 * (4.0 + t2 * (3.0 * t - 6.0))
+            mean = (mean + d2 * (4.0 + s2 * (3.0 * s - 6.0)) + d3 * t2 * t) / 6.0
+            gx += mean * kept[i, 8]
+            gy += mean * kept[i, 9]
+            gz += mean * kept[i, 10]
+        px, py, pz = np.float64(kept[i, 2]), np.float64(kept[i, 3]), np.float64(kept[i, 4])
+        g = groups[i]
+        gradients[g, 0] += gx
+        gradients[g, 1] += gy
+        gradients[g, 2] += gz
+        gradients[g, 3] += py * gz - pz * gy
+        gradients[g, 4] += pz * gx - px * gz
+        gradients[g, 5] += px * gy - py * gx
