@@ -46,7 +46,7 @@ STILL_RAD_S = np.deg2rad(0.5)
 """Slower than this is a dwell."""
 
 SINGLE_IMAGES = 10
-"""Single images to calibrate: each takes a second."""
+"""Single images to calibrate, which takes longer than to track points."""
 
 FEW = 3
 """Fewer images in motion than this are no measurement."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.errors import GroundTruthError, MessageError
+from lcdata.errors import GroundTruthError, MessageError, MotionError
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
 from lcdata.recording.image_motion import Turn, gray, turn
@@ -111,8 +111,10 @@ def motion_offset(
         images: At most so many are decoded.
 
     Raises:
-        GroundTruthError: No camera, too few neighbouring images of the moving arm, images that
-            show too little, or a motion that is not the arm's.
+        GroundTruthError: No camera, too few neighbouring images of the moving arm, or images that
+            show too little.
+        MotionError: A motion that is not the arm's, as with a camera mounted otherwise than the
+            rig says.
         GeometryError: A camera that is none.
     """
     if rig.T_camera_effector is None:
@@ -142,10 +144,10 @@ def motion_offset(
         )
     found = _fit(replace(model, stamps=neighbours[seen]), [t for t in turns if t], _stds(rig))
     if found is None:
-        raise GroundTruthError(
+        raise MotionError(
             f"{recording.path}: what the images show is not the motion of the joints, whatever the "
             f"offset between arm and camera clock (up to {RANGE_S:g} s was tried)",
-            "is this the camera on the arm, and the right arm model?",
+            "is T_camera_effector right, is this the camera on the arm, and the right arm model?",
         )
     offset, std, used = found
     if std > LARGEST_STD_S:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lcdata.errors import LcdataError
+from lcdata.errors import LcdataError, MotionError
 from lcdata.geometry import se3
 from lcdata.recording.clock_offset import ClockOffset, motion_offset
 from lcdata.recording.joint_path import JointPath
@@ -55,6 +55,8 @@ class ClockReport:
         reason: Why nothing was measured.
         moved: What the rest, measured minus applied, means for the pairs.
         asked: Whether the rig asks for the measured offset to be taken out.
+        contradiction: How images and joints contradict each other, whatever the offset; empty if
+            they do not.
     """
 
     measured: ClockOffset | None
@@ -62,6 +64,7 @@ class ClockReport:
     reason: str = ""
     moved: Moved = NOWHERE
     asked: bool = False
+    contradiction: str = ""
 
     @property
     def remaining(self) -> ClockOffset | None:
@@ -74,6 +77,8 @@ class ClockReport:
     def warning(self) -> str:
         """What is wrong with pairs because of the clocks; empty if nothing is."""
         rest = self.remaining
+        if self.contradiction:
+            return self.contradiction
         if rest is None and self.asked:
             return (
                 "the rig asks for the clock offset of arm and camera (clock_offset_s: estimate), "
@@ -93,7 +98,7 @@ class ClockReport:
     def line(self) -> str:
         """All in one line, for people."""
         if self.measured is None:
-            return f"arm against camera: not measured ({self.reason})"
+            return f"arm against camera: {self.contradiction or f'not measured ({self.reason})'}"
         text = (
             f"arm - camera {self.measured} from {self.measured.moving} turns of the moving camera"
         )
@@ -133,18 +138,22 @@ def compare_clocks(
         The same stamps with those of the joints on the camera's clock, as far as the rig asks for
         it, and what was found. That nothing could be measured is no error.
     """
-    measured, reason = None, ""
+    measured, reason, contradiction = None, "", ""
     try:
         measured = motion_offset(recording, topics, surveyed, arm, rig)
     except LcdataError as error:
         reason = error.message.removeprefix(f"{recording.path}: ")
+        if isinstance(error, MotionError):
+            contradiction = f"{reason}: {error.remedy}"
     asked = isinstance(rig.clock_offset_s, str)
     applied = rig.clock_offset_s or 0.0
     if isinstance(applied, str):
         applied = measured.offset_s if measured else 0.0
     if applied:
         surveyed = replace(surveyed, joint_ns=surveyed.joint_ns - round(applied * 1e9))
-    return surveyed, ClockReport(measured, applied, reason, asked=asked)
+    return surveyed, ClockReport(
+        measured, applied, reason, asked=asked, contradiction=contradiction
+    )
 
 
 def with_consequence(

@@ -96,3 +96,14 @@ def test_pairs_of_the_moving_arm_are_warned_of(lcdata, recording, tmp_path):
     assert "beyond the rig's -1400.0 ms" in warning
     assert "set `clock_offset_s: estimate` in the rig" in warning
     assert "off the camera's" in done.stderr
+
+
+def test_a_camera_that_is_mounted_otherwise_is_warned_of(lcdata, recording, tmp_path):
+    content = yaml.safe_load((recording.parent / "rig.yaml").read_text())
+    content["T_camera_effector"]["rotation_rpy_deg"] = [1.5, -2.0, 0.0]  # not 90
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(yaml.safe_dump(content))
+    done = lcdata("build", recording, "-o", tmp_path / "out", "--no-calibrate", "--rig", rig)
+    assert done.returncode == 0
+    assert "what the images show is not the motion of the joints" in done.stderr
+    assert "is T_camera_effector right" in done.stderr
