@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,10 +22,28 @@ def simulate(
     pairs: Annotated[int, typer.Option(min=1, help="LiDAR-camera pairs a pose.")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same recording.")] = 0,
     format: Annotated[str, typer.Option(help="ros1, mcap or sqlite3.")] = "mcap",
-    columns: Annotated[int, typer.Option(help="LiDAR columns: 512, 1024 or 2048.")] = 2048,
+    lidar: Annotated[str, typer.Option(help="os1_128, os1_64 or avia.")] = "os1_128",
+    columns: Annotated[
+        int | None,
+        typer.Option(help="Columns of a spinning LiDAR: 512, 1024 or 2048; default: its usual."),
+    ] = None,
     azimuth_window: Annotated[
         float | None,
         typer.Option(help="LiDAR field of view ahead in deg; default: all around."),
+    ] = None,
+    livox_message: Annotated[
+        str, typer.Option(help="What an avia's driver publishes: custom or pointcloud2.")
+    ] = "custom",
+    camera: Annotated[
+        str, typer.Option(help="zed2i, fisheye, atan, omni or equirectangular.")
+    ] = "zed2i",
+    moving: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            show_default=False,
+            help="No arm: a hand moves LiDAR and camera together for so many seconds.",
+        ),
     ] = None,
     rig: Annotated[
         Path | None, typer.Option(help="Hand-measured rig to simulate; default: a built-in one.")
@@ -41,23 +59,35 @@ def simulate(
 ) -> None:
     """Write a simulated recording, its rig.yaml and its truth.json."""
     from lcdata.simulation import simulate as write_recording
+    from lcdata.simulation import simulate_hand_held
 
+    if moving is not None and (rig or azimuth_window or motion_hz or clock_offset):
+        raise typer.BadParameter("--moving is without an arm and with a rig of its own")
     with progress_bar(quiet=as_json) as progress:
-        written = write_recording(
-            out,
-            scenario=names(scenario),
-            poses=poses,
-            pairs=pairs,
-            seed=seed,
-            format=format,
-            columns=columns,
-            azimuth_window_deg=azimuth_window,
-            rig=rig,
-            motion_hz=motion_hz,
-            clock_offset_s=clock_offset,
-            force=force,
-            progress=progress,
-        )
+        both: dict[str, Any] = {
+            "scenario": names(scenario),
+            "seed": seed,
+            "format": format,
+            "lidar": lidar,
+            "columns": columns,
+            "livox_message": livox_message,
+            "camera": camera,
+            "force": force,
+            "progress": progress,
+        }
+        if moving is not None:
+            written = simulate_hand_held(out, seconds=moving, **both)
+        else:
+            written = write_recording(
+                out,
+                poses=poses,
+                pairs=pairs,
+                azimuth_window_deg=azimuth_window,
+                rig=rig,
+                motion_hz=motion_hz,
+                clock_offset_s=clock_offset,
+                **both,
+            )
     if as_json:
         print_json({"recordings": written, "rig": out / "rig.yaml", "truth": out / "truth.json"})
     else:

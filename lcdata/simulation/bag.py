@@ -14,13 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from lcdata.errors import SimulationError
 from lcdata.geometry.camera import Camera
 from lcdata.geometry.camera_files import info_of_camera
-from lcdata.simulation.lidar import POINT
+from lcdata.recording.fields import is_livox
+from lcdata.simulation import livox_messages
 
 Format = Literal["ros1", "mcap", "sqlite3"]
 FORMATS = ("ros1", "mcap", "sqlite3")
 IMAGE_FORMATS = ("jpeg", "png", "bgr8", "mono8", "bayer_rggb8")
 
-LIDAR = "/ouster/points"
+LIVOX_MESSAGES = ("custom", "pointcloud2")
+
+LIDAR, LIDAR_FRAME = "/ouster/points", "os_lidar"
+LIVOX, LIVOX_FRAME = "/livox/lidar", "livox_frame"
 CAMERA = "/zed2i/zed_node/left_raw"
 IMAGE = f"{CAMERA}/image_raw_color"
 COMPRESSED = f"{IMAGE}/compressed"
@@ -29,9 +33,8 @@ JOINTS = "/my_gen3_lite/joint_states"
 TF_STATIC = "/tf_static"
 CAMERA_FRAME = "zed2i_left_camera_optical_frame"
 
-_LEVEL = 15
 _TF_MESSAGE = "tf2_msgs/msg/TFMessage"
-_POINT_TYPES = {"<f4": 7, "<u2": 4, "<u4": 6}
+_POINT_TYPES = {"|u1": 2, "<u2": 4, "<u4": 6, "<f4": 7, "<f8": 8}
 
 
 def bag_path(folder: Path, scenario: str, format: str) -> Path:
@@ -45,9 +48,10 @@ class Bag:
     Args:
         path: From `bag_path`.
         format: `ros1` (bz2 chunks), `mcap` (zstd chunks) or `sqlite3` (zstd messages).
+        level: Of the compression of mcap: 3 is usual, 15 is small and slow.
     """
 
-    def __init__(self, path: Path, format: str) -> None:
+    def __init__(self, path: Path, format: str, level: int = 15) -> None:
         from rosbags import rosbag1, rosbag2
         from rosbags.rosbag2 import enums
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -71,13 +75,14 @@ class Bag:
             mode = modes.STORAGE if format == "mcap" else modes.MESSAGE
             self._writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
             self._writer.set_compression(mode, enums.CompressionFormat.ZSTD)
+        self._level = level
         self._connections: dict[str, Any] = {}
         self._sequence: dict[str, int] = {}
 
     def __enter__(self) -> Bag:
         self._writer.open()
-        if self._mcap:  # samples are kept in the repository; rosbags offers no other level than 3
-            self._writer.storage.compressor = partial(_zstd().compress, level=_LEVEL)
+        if self._mcap:  # rosbags offers no other level than 3
+            self._writer.storage.compressor = partial(_zstd().compress, level=self._level)
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -103,25 +108,52 @@ class Bag:
         serialize = self._store.serialize_ros1 if self._ros1 else self._store.serialize_cdr
         self._writer.write(self._connections[topic], int(bag_ns), serialize(message, kind))
 
-    def cloud(self, stamp_ns: int, bag_ns: int, records: NDArray[np.void], columns: int) -> None:
-        """A scan of `lidar.POINT` records."""
+    def cloud(
+        self,
+        stamp_ns: int,
+        bag_ns: int,
+        records: NDArray[np.void],
+        columns: int | None,
+        livox_message: str = "custom",
+    ) -> None:
+        """A scan as its driver publishes it.
+
+        Args:
+            stamp_ns: Header's stamp, of the scan's start.
+            bag_ns: The recorder's.
+            records: `lidar.POINT` or `livox.POINT`.
+            columns: Of an organised scan.
+            livox_message: Of a Livox: `custom` or `pointcloud2`.
+        """
+        livox = is_livox(records.dtype)
+        topic, frame = (LIVOX, LIVOX_FRAME) if livox else (LIDAR, LIDAR_FRAME)
+        header = self._header(topic, stamp_ns, frame)
+        if livox and livox_message == "custom":
+            kind, message = livox_messages.custom(
+                self._store, header, stamp_ns, records, self._ros1
+            )
+            self._write(topic, kind, bag_ns, message)
+            return
+        if livox:
+            records = livox_messages.with_absolute_times(records, stamp_ns)
         field = self._type("sensor_msgs/msg/PointField")
-        fields = [
-            field(name=name, offset=at[1], datatype=_POINT_TYPES[at[0].str], count=1)
-            for name, at in (POINT.fields or {}).items()
-        ]
+        layout = (records.dtype.fields or {}).items()
+        width = columns or len(records)
         message = self._type("sensor_msgs/msg/PointCloud2")(
-            header=self._header(LIDAR, stamp_ns, "os_lidar"),
-            height=len(records) // columns,
-            width=columns,
-            fields=fields,
+            header=header,
+            height=len(records) // width,
+            width=width,
+            fields=[
+                field(name=name, offset=at[1], datatype=_POINT_TYPES[at[0].str], count=1)
+                for name, at in layout
+            ],
             is_bigendian=False,
-            point_step=POINT.itemsize,
-            row_step=POINT.itemsize * columns,
+            point_step=records.dtype.itemsize,
+            row_step=records.dtype.itemsize * width,
             data=np.frombuffer(records.tobytes(), np.uint8),
             is_dense=True,
         )
-        self._write(LIDAR, "sensor_msgs/msg/PointCloud2", bag_ns, message)
+        self._write(topic, "sensor_msgs/msg/PointCloud2", bag_ns, message)
 
     def image(
         self, stamp_ns: int, bag_ns: int, image: NDArray[np.uint8], format: str, quality: int
@@ -190,8 +222,8 @@ class Bag:
         )
         self._write(JOINTS, "sensor_msgs/msg/JointState", bag_ns, message)
 
-    def static_transforms(self, stamp_ns: int, bag_ns: int) -> None:
-        """What the two sensors' drivers publish of their own frames."""
+    def static_transforms(self, stamp_ns: int, bag_ns: int, ouster: bool = True) -> None:
+        """What the sensors' drivers publish of their own frames; a Livox's publishes nothing."""
         vector = self._type("geometry_msgs/msg/Vector3")
         turn = self._type("geometry_msgs/msg/Quaternion")
         transform = self._type("geometry_msgs/msg/Transform")
@@ -209,7 +241,7 @@ class Bag:
                     rotation=turn(*xyzw),
                 ),
             )
-            for parent, child, xyz, xyzw in links
+            for parent, child, xyz, xyzw in (links if ouster else links[2:])
         ]
         message = self._type(_TF_MESSAGE)(transforms=stamped)
         self._write(TF_STATIC, _TF_MESSAGE, bag_ns, message)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.errors import SimulationError
 from lcdata.geometry.camera import Camera
 from lcdata.simulation.kernels import camera_rays, silhouettes
 from lcdata.simulation.light import Light
@@ -30,6 +32,48 @@ def zed2i(width: int = 1280, height: int = 720) -> Camera:
     return Camera(
         "pinhole", width, height, intrinsics, (-0.0421, 0.0112, -0.00035, 0.00052, -0.0048)
     )
+
+
+def _fisheye(width: int, height: int) -> Camera:
+    f = width / 3.2
+    centre = (0.504 * width, 0.497 * height)
+    return Camera("fisheye", width, height, (f, f, *centre), (0.021, -0.0062, 0.0011, -0.0002))
+
+
+def _atan(width: int, height: int) -> Camera:
+    f = 0.38 * width
+    return Camera("atan", width, height, (f, f, 0.503 * width, 0.498 * height), (0.93,))
+
+
+def _omni(width: int, height: int) -> Camera:
+    f = 0.6 * width
+    intrinsics = (1.2, f, f, 0.502 * width, 0.499 * height)
+    return Camera("omni", width, height, intrinsics, (-0.04, 0.012, 0.0003, -0.0002))
+
+
+def _equirectangular(width: int, height: int) -> Camera:
+    return Camera("equirectangular", width, width // 2, (width, width // 2))
+
+
+CAMERAS: dict[str, Callable[[int, int], Camera]] = {
+    "zed2i": zed2i,
+    "fisheye": _fisheye,
+    "atan": _atan,
+    "omni": _omni,
+    "equirectangular": _equirectangular,
+}
+"""A camera of each kind, of width and height; an equirectangular image is half as high as wide."""
+
+
+def make_camera(name: str, width: int = 1280, height: int = 720) -> Camera:
+    """A camera by its name in `CAMERAS`.
+
+    Raises:
+        SimulationError: Unknown name.
+    """
+    if name not in CAMERAS:
+        raise SimulationError(f"unknown camera {name!r}", f"choose from {', '.join(CAMERAS)}")
+    return CAMERAS[name](width, height)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from lcdata.errors import SimulationError
 from lcdata.geometry.camera import Camera
 from lcdata.rig import Rig, load_rig
 from lcdata.simulation import camera as cameras
-from lcdata.simulation.bag import FORMATS, IMAGE_FORMATS, Bag, bag_path
-from lcdata.simulation.lidar import COLUMNS, Ouster
+from lcdata.simulation.bag import FORMATS, IMAGE_FORMATS, LIVOX_MESSAGES, Bag, bag_path
+from lcdata.simulation.lidar import Ouster
+from lcdata.simulation.lidars import Lidar, make_lidar
 from lcdata.simulation.mounts import default_rig, joint_offsets
 from lcdata.simulation.scenes import SCENARIOS, scenario_rng
 from lcdata.simulation.schedule import JOINT_PERIOD_S, Clock, Schedule, clocks, plan
@@ -34,8 +35,10 @@ FINGER = "right_finger_bottom_joint"
 _WHITE_NOISE = 0.2
 """Of the encoders' deviation, what changes from sample to sample; all of it stays for a pose."""
 _COUNT_RAD = 2 * np.pi / 2**18
-_EPOCH_NS = 1_790_000_000 * 10**9
+EPOCH_NS = 1_790_000_000 * 10**9
 _CLOCKS = 6
+SMALL = 15
+"""Level of compression: samples are kept in the repository."""
 _ON_THE_WAY = 10_000
 """Number of the first image without a scan, far from those of pairs."""
 
@@ -48,8 +51,11 @@ def simulate(
     pairs: int = 2,
     seed: int = 0,
     format: str = "mcap",
-    columns: int = 2048,
+    lidar: str = "os1_128",
+    columns: int | None = None,
     azimuth_window_deg: float | None = None,
+    livox_message: str = "custom",
+    camera: str | Camera = "zed2i",
     image_format: str = "jpeg",
     quality: int = 85,
     width: int = 1280,
@@ -73,8 +79,12 @@ def simulate(
         pairs: Pairs of a scan and an image in each dwell. A few more are taken as the arm moves.
         seed: Same seed, same recording.
         format: ros1, mcap or sqlite3.
-        columns: LiDAR columns a turn: 512, 1024 or 2048.
-        azimuth_window_deg: Sector ahead that the LiDAR reports; all around for None.
+        lidar: os1_128, os1_64 or avia.
+        columns: Columns a turn of a spinning LiDAR: 512, 1024 or 2048; None for 2048 of the
+            os1_128, 1024 of the os1_64.
+        azimuth_window_deg: Sector ahead that it reports; all around for None.
+        livox_message: What an avia's driver publishes: custom or pointcloud2.
+        camera: zed2i, fisheye, atan, omni, equirectangular, or any camera.
         image_format: jpeg, png (compressed images), or raw bgr8, mono8, bayer_rggb8.
         quality: Of JPEG, 1 ... 100.
         width: Image width in pixels.
@@ -96,10 +106,12 @@ def simulate(
         SimulationError: Unknown choices, something in the way, or another tower in the folder.
     """
     names = [scenario] if isinstance(scenario, str) else list(scenario)
-    _check("scenario", names, SCENARIOS)
-    _check("recording format", [format], FORMATS)
-    _check("image format", [image_format], IMAGE_FORMATS)
-    _check("number of columns", [columns], COLUMNS)
+    check("scenario", names, SCENARIOS)
+    check("recording format", [format], FORMATS)
+    check("image format", [image_format], IMAGE_FORMATS)
+    check("Livox message", [livox_message], LIVOX_MESSAGES)
+    sensor = make_lidar(lidar, columns, azimuth_window_deg)
+    lens = cameras.make_camera(camera, width, height) if isinstance(camera, str) else camera
     for label, number in (("poses", poses), ("pairs", pairs)):
         if number < 1:
             raise SimulationError(f"{number} {label}", "simulate 1 or more")
@@ -122,13 +134,13 @@ def simulate(
                 world,
                 schedule,
                 clock_offset_s,
-                Ouster(columns, azimuth_window_deg),
-                cameras.zed2i(width, height),
+                (sensor, livox_message),
+                lens,
                 offsets,
                 (image_format, quality),
                 progress,
             )
-            _write(path, format, messages)
+            write_recording(path, format, messages)
             _, _, (_, camera_clock, arm_clock) = _start(world, clock_offset_s)
             difference = arm_clock.offset_s - camera_clock.offset_s
             write_truth(out, world, schedule.positions, offsets, difference)
@@ -141,7 +153,12 @@ def simulate(
     return paths
 
 
-def _check(what: str, values: Sequence[object], allowed: Sequence[object]) -> None:
+def check(what: str, values: Sequence[object], allowed: Sequence[object]) -> None:
+    """Refuse values that are not allowed.
+
+    Raises:
+        SimulationError: It names the first of them.
+    """
     for value in values:
         if value not in allowed:
             raise SimulationError(
@@ -149,11 +166,16 @@ def _check(what: str, values: Sequence[object], allowed: Sequence[object]) -> No
             )
 
 
-def _write(path: Path, format: str, messages: Iterable[tuple[int, Callable[[Bag], None]]]) -> None:
+def write_recording(
+    path: Path,
+    format: str,
+    messages: Iterable[tuple[int, Callable[[Bag], None]]],
+    level: int = SMALL,
+) -> None:
     """Write a recording that is there in full or not at all, in place of any of its name."""
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}-") as temporary:
         draft = Path(temporary) / path.name
-        with Bag(draft, format) as bag:
+        with Bag(draft, format, level) as bag:
             for _, write in messages:
                 write(bag)
         for other in FORMATS:
@@ -178,7 +200,7 @@ def _start(
 ) -> tuple[np.random.Generator, int, tuple[Clock, Clock, Clock]]:
     """Chance from then on, when the recording starts, clocks of LiDAR, camera and arm."""
     rng = scenario_rng(world.seed, world.scenario, _CLOCKS, 1)
-    start_ns = _EPOCH_NS + int(rng.integers(10**6)) * 10**9 + int(rng.integers(10**9))
+    start_ns = EPOCH_NS + int(rng.integers(10**6)) * 10**9 + int(rng.integers(10**9))
     lidar, camera, arm = clocks(rng)
     return rng, start_ns, (lidar, camera, replace(arm, offset_s=arm.offset_s + clock_offset_s))
 
@@ -187,7 +209,7 @@ def _messages(
     world: World,
     schedule: Schedule,
     clock_offset_s: float,
-    lidar: Ouster,
+    lidar: tuple[Lidar, str],
     lens: Camera,
     offsets: Array,
     image: tuple[str, int],
@@ -208,13 +230,16 @@ def _messages(
     finger = np.full((len(times), 1), 0.41)
     readings = np.hstack([finger if k is None else readings[:, [k]] for k in order])
     around = lru_cache(maxsize=1)(world.surroundings)
+    sensor, livox_message = lidar
+    columns = sensor.columns if isinstance(sensor, Ouster) else None
     done = [0]
 
     def cloud(k: int) -> Callable[[Bag], None]:
         def write(bag: Bag) -> None:
             shot = shots[k]
-            records = world.scan(around(shot.pose, shot.pair), lidar, shot.pose, shot.pair)
-            bag.cloud(int(scan_ns[k]), int(scan_bag[k]), records, lidar.columns)
+            records = world.scan(around(shot.pose, shot.pair), sensor, shot.pose, shot.pair)
+            stamps = int(scan_ns[k]), int(scan_bag[k])
+            bag.cloud(*stamps, records, columns, livox_message)
             done[0] += 1
             if progress:
                 progress(f"simulate {world.scenario}", done[0], len(shots))
@@ -251,7 +276,8 @@ def _messages(
     events += [(int(image_bag[k]), picture(k)) for k in range(len(shots))]
     events += [(int(frame_bag[k]), frame(k)) for k in range(len(frames))]
     events += [(int(joint_bag[k]), joints(k)) for k in range(len(times))]
-    yield start_ns, lambda bag: bag.static_transforms(start_ns, start_ns)
+    ouster = isinstance(sensor, Ouster)
+    yield start_ns, lambda bag: bag.static_transforms(start_ns, start_ns, ouster)
     yield from sorted(events, key=lambda event: event[0])
 
 

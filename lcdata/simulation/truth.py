@@ -97,15 +97,16 @@ def write_truth(
         "clock_offset_s": old.get("clock_offset_s", {}) | {world.scenario: clock_offset_s},
         "poses": dict(sorted(poses.items())),
     }
-    _replace(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
+    replace_file(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
 
 
 def write_rig(folder: Path, rig: Rig) -> None:
     """Write rig.yaml, as it was measured by hand."""
-    _replace(folder / RIG, rig.to_yaml())
+    replace_file(folder / RIG, rig.to_yaml())
 
 
-def _replace(path: Path, text: str) -> None:
+def replace_file(path: Path, text: str) -> None:
+    """Write a file that is there in full or not at all."""
     temporary = path.with_name(f".{path.name}-{os.getpid()}")
     try:
         temporary.write_text(text, encoding="utf-8")
