@@ -13,6 +13,7 @@ from lcdata.cli import (
     groundtruth,
     handeye,
     info,
+    pick,
     report,
     reproduce,
     review,
@@ -62,6 +63,7 @@ COMMANDS = (
     handeye,
     report,
     review,
+    pick,
     reproduce,
     validate,
 )

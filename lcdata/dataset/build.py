@@ -29,6 +29,7 @@ RESERVED = (
     schema.REPORT,
     schema.REVIEW,
     schema.GROUNDTRUTH,
+    schema.PICKS,
     NAME,
 )
 
