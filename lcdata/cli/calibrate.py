@@ -10,6 +10,7 @@ from lcdata.cli.common import (
     DatasetPath,
     Jobs,
     JsonFlag,
+    counted,
     end_with,
     guarded,
     names,
@@ -37,6 +38,13 @@ def calibrate(
     methods: Methods = DEFAULT_METHODS,
     init_rotation: InitRotation = 5.0,
     init_translation: InitTranslation = 0.5,
+    init: Annotated[
+        str,
+        typer.Option(
+            help="Where to start: the ground truth with that error (truth), picks (`lcdata pick`), "
+            "or a CSV of matches u,v,x,y,z."
+        ),
+    ] = "truth",
     trials: Trials = 1,
     seed: Seed = 0,
     joint: Annotated[
@@ -46,18 +54,27 @@ def calibrate(
     force: Annotated[bool, typer.Option("--force", help="Compute stored results again.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Run methods from perturbed initial guesses and store the results."""
+    """Run methods from perturbed initial guesses, or from given ones, and store the results."""
     from lcdata.dataset import Dataset
     from lcdata.evaluation import run_trials, summary_lines
+    from lcdata.evaluation.given import given_guesses
 
     opened = Dataset.open(dataset)
+    source, initial = "", None
+    if init != "truth":
+        source, initial = given_guesses(opened, init)
+        if left_out := len({pair.pair_id for pair in opened.pairs} - initial.keys()):
+            pairs = counted(left_out, "pair")
+            typer.echo(f"lcdata: note: {pairs} without an initial guess left out", err=True)
     with progress_bar(quiet=as_json) as progress:
         results = run_trials(
             opened,
             names(methods),
             init_rotation_deg=init_rotation,
             init_translation_m=init_translation,
-            trials=trials,
+            initial=initial,
+            source=source,
+            trials=1 if initial else trials,
             seed=seed,
             group="pose" if joint else "pair",
             jobs=jobs,

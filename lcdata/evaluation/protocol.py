@@ -6,12 +6,16 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcdata.errors import CalibrationError
 from lcdata.geometry import se3
+
+if TYPE_CHECKING:
+    from lcdata.evaluation.results import TrialResult
 
 Array = NDArray[np.float64]
 
@@ -89,6 +93,11 @@ class Protocol:
         rng = np.random.default_rng([self.seed, trial, *words])
         return perturb(T_truth, self.init_rotation_deg, self.init_translation_m, rng)
 
+    def made(self, trial: TrialResult) -> bool:
+        """Whether a stored trial started as this protocol says."""
+        theirs = (trial.init_rotation_deg, trial.init_translation_m, trial.seed, trial.group)
+        return theirs == (self.init_rotation_deg, self.init_translation_m, self.seed, self.group)
+
     def holds(self, rotation_error_deg: float, translation_error_m: float) -> bool:
         """Whether an initial guess is as far off as the protocol's, within `TOLERANCE`.
 
@@ -99,6 +108,36 @@ class Protocol:
         wanted = math.sqrt(3) * np.array([self.init_rotation_deg, self.init_translation_m])
         apart = np.abs(np.array([rotation_error_deg, translation_error_m]) - wanted)
         return bool((apart <= TOLERANCE * wanted).all())
+
+
+@dataclass(frozen=True)
+class GivenGuesses(Protocol):
+    """Initial guesses that do not come from the ground truth: picks, matches of a file, a search.
+
+    Args:
+        source: Where they come from, one word.
+    """
+
+    init_rotation_deg: float = math.nan
+    init_translation_m: float = math.nan
+    source: str = "picks"
+
+    def __post_init__(self) -> None:
+        if self.group not in GROUPS:
+            raise CalibrationError(f"unknown group {self.group!r}", f"use {' or '.join(GROUPS)}")
+
+    @property
+    def run(self) -> str:
+        """Name of the run."""
+        return f"init-{self.source}{'' if self.group == 'pair' else f'-{self.group}'}"
+
+    def made(self, trial: TrialResult) -> bool:
+        """Whether a stored trial started from a given guess."""
+        return math.isnan(trial.init_rotation_deg) and trial.group == self.group
+
+    def holds(self, rotation_error_deg: float, translation_error_m: float) -> bool:
+        """A guess of one's own may be as far off as it is."""
+        return True
 
 
 def perturb(

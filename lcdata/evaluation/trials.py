@@ -13,10 +13,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from numpy.typing import ArrayLike
+
 from lcdata.calibrators.base import Calibrator
 from lcdata.errors import CalibrationError
+from lcdata.evaluation.given import having_guess, started_at, starts_there
+from lcdata.evaluation.labels import by_label
 from lcdata.evaluation.pool import Crash, Executor, default_jobs, run_here, run_in_processes
-from lcdata.evaluation.protocol import Protocol
+from lcdata.evaluation.protocol import GivenGuesses, Protocol
 from lcdata.evaluation.results import (
     Guess,
     Results,
@@ -47,6 +51,8 @@ def run_trials(
     *,
     init_rotation_deg: float = 5.0,
     init_translation_m: float = 0.5,
+    initial: Mapping[str, ArrayLike] | None = None,
+    source: str = "given",
     trials: int = 1,
     seed: int = 0,
     group: str = "pair",
@@ -70,6 +76,9 @@ def run_trials(
         methods: Names of methods, or `Calibrator`s, or `Calibrator`s by label.
         init_rotation_deg: Initial error about each axis, degrees.
         init_translation_m: Initial error along each axis, metres.
+        initial: 4x4 `T_camera_lidar` by pair_id to start from in place of the ground truth with
+            an error; pairs without one are left out.
+        source: Where they come from, which names the run: picks, matches, auto.
         trials: Initial guesses for each pair.
         seed: Seed of the random signs.
         group: "pair", or "pose": all pairs of an arm pose are solved jointly.
@@ -87,10 +96,16 @@ def run_trials(
         CalibrationError: An unknown method, pair or option, or a run of another protocol.
     """
     protocol = Protocol(init_rotation_deg, init_translation_m, trials, seed, group)
-    calibrators = _by_label(methods)
+    if initial is not None:
+        protocol = GivenGuesses(group=group, source=source)
+        pair_ids = having_guess(pair_ids or [p.pair_id for p in dataset.pairs], initial)
+    calibrators = by_label(methods)
     run = protocol.run if run is None else _check_name(run)
     results = _stored(dataset, run, protocol, calibrators, force)
     planned = _plan(dataset, run, protocol, calibrators, pair_ids, results.values())
+    if initial is not None:
+        planned = started_at(initial, planned)
+        results = {key: t for key, t in results.items() if starts_there(t, planned)}
     tasks = _without(planned, results)
     total = sum(len(task.work) for task in planned)
     done = total - sum(len(task.work) for task in tasks)
@@ -117,27 +132,6 @@ def run_trials(
     return Results(tuple(t for t in _ordered(results, calibrators) if t.method in calibrators))
 
 
-def _by_label(
-    methods: Sequence[str | Calibrator] | Mapping[str, Calibrator],
-) -> dict[str, Calibrator]:
-    """Methods by the name that tables show."""
-    if isinstance(methods, Mapping):
-        return dict(methods)
-    from lcdata.calibrators.registry import create
-
-    calibrators: dict[str, Calibrator] = {}
-    for method in methods:
-        calibrator = create(method) if isinstance(method, str) else method
-        if calibrator.name in calibrators:
-            raise CalibrationError(
-                f"method {calibrator.name!r} is given twice", "give a mapping of different labels"
-            )
-        calibrators[calibrator.name] = calibrator
-    if not calibrators:
-        raise CalibrationError("no methods to run", "name one or more")
-    return calibrators
-
-
 def _check_name(run: str) -> str:
     if not re.fullmatch(r"[\w+-][\w.+-]*", run):
         raise CalibrationError(
@@ -155,11 +149,9 @@ def _stored(
 ) -> dict[Key, TrialResult]:
     """Stored trials of the run that stay as they are."""
     versions = {pose.pose_id: pose.pose_version for pose in dataset.poses}
-    ours = (protocol.seed, protocol.init_rotation_deg, protocol.init_translation_m, protocol.group)
     kept = {}
     for t in read_results(dataset, run).trials:
-        theirs = (t.seed, t.init_rotation_deg, t.init_translation_m, t.group)
-        if theirs != ours:
+        if not protocol.made(t):
             if force:
                 continue
             raise CalibrationError(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import groupby
 from pathlib import Path
+
+import numpy as np
 
 from lcdata.dataset import Dataset
 from lcdata.dataset.atomic import write_bytes
@@ -43,7 +46,13 @@ def write_report(
     """
     results, notice = _current(dataset, recompute)
     hardest_first = sorted(
-        results.trials, key=lambda t: (-t.init_rotation_deg, -t.init_translation_m, t.run)
+        results.trials,
+        key=lambda t: (
+            math.isnan(t.init_rotation_deg),  # from guesses of one's own: last
+            -np.nan_to_num(t.init_rotation_deg),
+            -np.nan_to_num(t.init_translation_m),
+            t.run,
+        ),
     )
     runs = {run: list(trials) for run, trials in groupby(hardest_first, key=lambda t: t.run)}
     folder = Path(dataset.path) / REPORT

@@ -128,10 +128,10 @@ def _about(dataset: Dataset) -> str:
 
 def _protocol(trials: Trials) -> str:
     first = trials.all[0]
-    text = (
-        f"Run `{trials.run}`: from {first.init_rotation_deg:g} deg and "
-        f"{first.init_translation_m:g} m on each axis, {count_text(len(trials.all), 'trial')}. "
-    )
+    start = f"from {first.init_rotation_deg:g} deg and {first.init_translation_m:g} m on each axis"
+    if math.isnan(first.init_rotation_deg):
+        start = "from initial guesses that were given"
+    text = f"Run `{trials.run}`: {start}, {count_text(len(trials.all), 'trial')}. "
     if trials.per_pair > 1:
         text += (
             f"A pair has up to {trials.per_pair} trials: pictures and series show the first of "

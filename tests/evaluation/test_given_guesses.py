@@ -1,0 +1,105 @@
+"""Methods from initial guesses of one's own: picks, matches of a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy_dataset
+from toy_methods import Biased, Blobs
+
+from lcdata.dataset import Dataset
+from lcdata.dataset.picks import picks_path, write_picks
+from lcdata.errors import CalibrationError
+from lcdata.evaluation import read_results, run_trials
+from lcdata.evaluation.given import given_guesses
+from lcdata.features.point_pose import point_pose
+from lcdata.geometry import se3
+from lcdata.report import write_report
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return toy_dataset.make(tmp_path_factory.mktemp("given") / "set")
+
+
+def matches(dataset: Dataset, pair_id: str, noise: float = 0.0, count: int = 10) -> np.ndarray:
+    pair = dataset.load(pair_id)
+    rng = np.random.default_rng(0)
+    bearings = pair.camera.unproject(
+        rng.uniform([5, 5], [pair.camera.width - 6, pair.camera.height - 6], (count, 2))
+    )
+    seen = bearings * rng.uniform(2, 9, (count, 1))
+    points = se3.apply(se3.inverse(pair.T_camera_lidar), seen)
+    pixels = pair.camera.project(seen)[0] + rng.normal(0, noise, (count, 2))
+    return np.concatenate([pixels, points], axis=1)
+
+
+def pick(dataset: Dataset, pair_id: str, noise: float) -> np.ndarray:
+    found = matches(dataset, pair_id, noise)
+    camera = dataset.camera(dataset.pair(pair_id).scenario)
+    pose = point_pose(found[:, 2:], found[:, :2], camera)
+    write_picks(dataset, pair_id, found, pose)
+    return pose.T_camera_lidar
+
+
+def test_methods_start_from_picks_and_again_when_they_change(dataset: Dataset) -> None:
+    with pytest.raises(CalibrationError, match="has no picks: `lcdata pick DATASET PAIR`"):
+        given_guesses(dataset, "picks")
+    chosen = dataset.pairs[0]
+    picked = pick(dataset, chosen.pair_id, 0.3)
+    source, initial = given_guesses(dataset, "picks")
+    assert source == "picks"
+    of_pose = {r.pair_id for r in dataset.pairs if r.pose_id == chosen.pose_id}
+    assert set(initial) == of_pose
+
+    results = run_trials(dataset, [Blobs()], initial=initial, source=source, jobs=0)
+    assert {t.pair_ids[0] for t in results.trials} == of_pose
+    for t in results.trials:
+        np.testing.assert_allclose(t.T_camera_lidar_initial, picked, atol=1e-12)
+        truth = dataset.pose(t.pose_id).T_camera_lidar
+        expected = np.rad2deg(se3.rotation_error(picked, truth))
+        assert t.initial_rotation_error_deg == pytest.approx(expected)
+        assert t.run == "init-picks" and np.isnan(t.init_rotation_deg) and not t.rebased
+
+    # What is stored stays; another method starts there too.
+    stored = {t.key: t.seconds for t in read_results(dataset, "init-picks").trials}
+    run_trials(dataset, [Blobs(), Biased()], initial=initial, source=source, jobs=0)
+    both = read_results(dataset, "init-picks").trials
+    assert len(both) == 2 * len(of_pose)
+    assert {t.key: t.seconds for t in both if t.method == Blobs.name} == stored
+
+    # Picked again: what started elsewhere is computed again.
+    moved = pick(dataset, chosen.pair_id, 1.0)
+    _, initial = given_guesses(dataset, "picks")
+    again = run_trials(dataset, [Blobs()], initial=initial, source=source, jobs=0)
+    for t in again.trials:
+        np.testing.assert_allclose(t.T_camera_lidar_initial, moved, atol=1e-12)
+
+    # Jointly, and on a report's page.
+    joint = run_trials(dataset, [Blobs()], initial=initial, source=source, group="pose", jobs=0)
+    assert [t.run for t in joint.trials] == ["init-picks-pose"]
+    run_trials(dataset, [Blobs()], jobs=0)
+    page = write_report(dataset).read_text()
+    assert "From initial guesses that were given (init-picks)" in page
+    assert "an initial guess that was given" in page and "nan" not in page.split("<body>")[1][:4000]
+    picks_path(dataset, chosen.pair_id).unlink()
+
+
+def test_methods_start_from_matches_of_a_file(dataset: Dataset, tmp_path: Path) -> None:
+    pair_id = dataset.pairs[-1].pair_id
+    rows = [",".join([pair_id, *map(repr, row)]) for row in matches(dataset, pair_id).tolist()]
+    path = tmp_path / "my matches.csv"
+    path.write_text("\n".join(["pair_id,u,v,x,y,z", *rows]))
+    source, initial = given_guesses(dataset, str(path))
+    assert source == "matches-my-matches"
+    results = run_trials(
+        dataset, [Blobs()], initial=initial, source=source, pair_ids=[pair_id], jobs=0
+    )
+    (trial,) = results.trials
+    assert trial.initial_translation_error_m < 1e-4
+    with pytest.raises(CalibrationError, match="no pair has an initial guess"):
+        run_trials(dataset, [Blobs()], initial=initial, pair_ids=[dataset.pairs[0].pair_id])
+    with pytest.raises(CalibrationError, match="no initial guess 'guess': use truth, picks"):
+        given_guesses(dataset, "guess")
