@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -108,7 +109,7 @@ def search(
     poses[:, :3, 3] = rng.normal(scale=options.translation_m, size=(len(poses), 3))
     poses = np.concatenate([np.zeros((0, 4, 4)) if hypotheses is None else hypotheses, poses])
     poses[:, :3, 3] = np.clip(poses[:, :3, 3], -options.reach_m, options.reach_m)
-    values = scores(pairs, poses, FIRST.truncation, FIRST.points)
+    values = _scores(pairs, poses, FIRST)
     poses = poses[_different(poses, values, FIRST, 0.5 * MODE_DEG)]
     poses = _shrinking(pairs, poses, GLOBAL, options, rng)
     heads = poses[_different(poses, np.arange(len(poses), 0.0, -1.0), LAST, MODE_DEG)]
@@ -117,7 +118,7 @@ def search(
     )
     images, clouds = [pair.lines for pair in pairs], [pair.cloud for pair in pairs]
     found = np.concatenate([found, [register(images, clouds, T) for T in found]])
-    values = scores(pairs, found, LAST.truncation, LAST.points)
+    values = _scores(pairs, found, LAST)
     chosen = _different(found, values, LAST, MODE_DEG)
     return Found(found[chosen], values[chosen])
 
@@ -133,9 +134,15 @@ def _shrinking(
     for stage in stages:
         poses = np.concatenate([poses, _children(pairs, poses, stage, rng)])
         poses[:, :3, 3] = np.clip(poses[:, :3, 3], -options.reach_m, options.reach_m)
-        values = scores(pairs, poses, stage.truncation, stage.points)
+        values = _scores(pairs, poses, stage)
         poses = poses[_different(poses, values, stage, 0.3 * stage.rotation_deg)]
     return poses
+
+
+def _scores(pairs: Sequence[EdgeFeatures], poses: Array, stage: Stage) -> Array:
+    """Scores with a stage's number of points; of each of many pairs fewer are enough."""
+    points = stage.points if stage is LAST else math.ceil(stage.points / math.sqrt(len(pairs)))
+    return scores(pairs, poses, stage.truncation, points)
 
 
 def even_rotations(count: int) -> Array:

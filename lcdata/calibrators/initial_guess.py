@@ -1,0 +1,158 @@
+"""An initial guess without a guess: from edges over all rotations, or from matched points."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.errors import CalibrationError
+from lcdata.geometry import se3
+from lcdata.pair import Pair
+
+Array = NDArray[np.float64]
+
+ROUTES = ("auto", "edges", "matching")
+
+SUCCESS_ROTATION_DEG = 1.0
+SUCCESS_TRANSLATION_M = 0.5
+"""An initial guess within these succeeds (Koide et al., section IV)."""
+
+MIN_SCORE = 2.5
+"""Lowest score of a guess that may be trusted: 4 to 15 of simulated pairs, 2.4 to 3.3 of five
+frames of a real road together, 1 to 2 of one such frame, which does not determine the answer."""
+
+MIN_LEAD = 1.3
+"""Lowest ratio of its score to that of the best other solution."""
+
+
+@dataclass(frozen=True, eq=False)
+class InitialGuess:
+    """A guess of the extrinsic.
+
+    Args:
+        T_camera_lidar: 4x4, maps LiDAR points to camera points; the best that there is even where
+            it cannot be trusted.
+        converged: Whether it can be trusted to be within 1 deg and 0.5 m.
+        message: Why not, or what should be known.
+        route: "edges" or "matching".
+        score: See `lcdata.features.edge_score`; NaN without edges.
+        lead: The score over that of the best other solution.
+        matches: Number of matched points, 0 of the route by edges.
+        inliers: Those that agree with the guess.
+        seconds: Wall time.
+    """
+
+    T_camera_lidar: Array
+    converged: bool
+    message: str
+    route: str
+    score: float = float("nan")
+    lead: float = float("nan")
+    matches: int = 0
+    inliers: int = 0
+    seconds: float = float("nan")
+
+
+@dataclass(frozen=True)
+class GuessOptions:
+    """How to look for a guess.
+
+    Args:
+        route: "edges" searches all rotations for edges of the cloud on lines of the image;
+            "matching" matches points of the image and of the cloud's intensity image; "auto"
+            takes the first, and where that cannot be trusted tries the second as well and keeps
+            what explains the edges better.
+        matcher: Name of the matcher, see `lcdata.features.image_matching`.
+        rotate_camera: Turn the camera's image by so many degrees before matching: 0, 90, 180, 270.
+        rotate_lidar: The same of the LiDAR's image.
+        reach_m: Largest translation along each axis that is searched, metres.
+        seed: Of all chance.
+
+    Raises:
+        CalibrationError: An unknown route or angle.
+    """
+
+    route: str = "auto"
+    matcher: str = "classical"
+    rotate_camera: int = 0
+    rotate_lidar: int = 0
+    reach_m: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.route not in ROUTES:
+            raise CalibrationError(
+                f"unknown route {self.route!r} to an initial guess", f"use {', '.join(ROUTES)}"
+            )
+        for name in ("rotate_camera", "rotate_lidar"):
+            if getattr(self, name) not in {0, 90, 180, 270}:
+                raise CalibrationError(
+                    f"{name} is {getattr(self, name)!r}", "give 0, 90, 180 or 270 degrees"
+                )
+        if not 0 < self.reach_m < 100:
+            raise CalibrationError(f"reach_m is {self.reach_m!r}", "give metres above 0")
+
+
+def guess(pairs: Sequence[Pair] | Pair, **options: object) -> InitialGuess:
+    """Guess the extrinsic that pairs share from nothing but themselves.
+
+    Args:
+        pairs: One pair, or several with the same extrinsic, which are used jointly.
+        **options: See `GuessOptions`.
+
+    Returns:
+        The guess. One that is not trustworthy says so.
+
+    Raises:
+        CalibrationError: No pairs, or pairs that no guess can be made from.
+    """
+    started = time.perf_counter()
+    known = [f.name for f in dataclasses.fields(GuessOptions)]
+    for name in options:
+        if name not in known:
+            raise CalibrationError(
+                f"an initial guess has no option {name!r}", f"it has {', '.join(known)}"
+            )
+    chosen = GuessOptions(**options)  # type: ignore[arg-type]
+    pairs = [pairs] if isinstance(pairs, Pair) else list(pairs)
+    if not pairs:
+        raise CalibrationError("no pairs to guess from", "give one Pair or more")
+    found = _guess(pairs, chosen)
+    return dataclasses.replace(found, seconds=time.perf_counter() - started)
+
+
+def _guess(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
+    """The guess of the route that was asked for."""
+    return _by_edges(pairs, options)
+
+
+def _by_edges(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
+    """Search all rotations for edges on lines."""
+    from lcdata.features.edge_score import extract_edge_features
+    from lcdata.features.pose_search import SearchOptions, search
+
+    features = [extract_edge_features(pair) for pair in pairs]
+    found = search(features, SearchOptions(reach_m=options.reach_m, seed=options.seed))
+    score = float(found.scores[0])
+    lead = score / max(float(found.scores[1]), 1e-9) if len(found.scores) > 1 else float("inf")
+    doubts = []
+    if score < MIN_SCORE:
+        doubts.append(
+            f"edges hardly agree with lines (score {score:.1f}, trusted from {MIN_SCORE})"
+        )
+    if lead < MIN_LEAD:
+        apart = np.rad2deg(se3.rotation_error(found.poses[0], found.poses[1]))
+        doubts.append(
+            f"a pose {apart:.0f} deg away fits nearly as well (score {score:.1f} against "
+            f"{found.scores[1]:.1f})"
+        )
+    if doubts:
+        doubts.append("give more pairs of other scenes, pick matches, or check it by eye")
+    return InitialGuess(
+        found.poses[0], not doubts, "; ".join(doubts), "edges", score=score, lead=lead
+    )
