@@ -17,7 +17,7 @@ class JointLogSection(Section):
     columns: tuple[str, ...] = ()
     stamp_column: str | None = None
     stamp_unit: Literal["auto", "s", "ms", "us", "ns"] = "auto"
-    clock_offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    epoch_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
 
 
 def _bare_file(value: Any) -> Any:

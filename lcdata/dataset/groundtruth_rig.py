@@ -14,7 +14,7 @@ from lcdata.errors import ArmError, RigError
 from lcdata.rig import Rig
 from lcdata.rig_links import LINKS
 
-OF_THE_PAIRS = ("topics", "pairing", "dwells", "stamps", "point_time")
+OF_THE_PAIRS = ("topics", "joint_log", "pairing", "dwells", "stamps", "point_time")
 """Parts of a rig that chose the pairs, which stay as they are."""
 
 OF_THE_TRUTH = (

@@ -36,7 +36,7 @@ FAR_FUTURE_NS = 10**20
 
 
 class Samples(NamedTuple):
-    """(N,) increasing stamps of a log, the rig's clock offset added, and (N, n) radians."""
+    """(N,) increasing stamps of a log on the sensors' clock, and (N, n) radians."""
 
     stamps_ns: Stamps
     positions: Array
@@ -91,13 +91,13 @@ class JointLog:
 
     @cached_property
     def stamps_ns(self) -> Stamps:
-        """(N,) stamps, the rig's clock offset added.
+        """(N,) stamps on the sensors' clock.
 
         Raises:
             RecordingError: Not a number, or not increasing.
         """
         table, power = self.table, STAMP_UNITS[self.stamp_unit]
-        offset = round(Decimal(str(self.options.clock_offset_s)).scaleb(9))
+        offset = round(Decimal(str(self.options.epoch_s)).scaleb(9))
         stamps = np.empty(len(table.rows), np.int64)
         for i, row in enumerate(table.rows):
             try:
@@ -204,7 +204,7 @@ class JointLog:
         raise RecordingError(
             f"{self.table.path}: its stamps, {begin * 1e-9:.3f} to {end * 1e-9:.3f} s, are not of "
             f"the time of scans and images, {first * 1e-9:.3f} to {last * 1e-9:.3f} s",
-            "set joint_log.clock_offset_s in the rig: the sensors' clock minus the log's",
+            "set joint_log.epoch_s in the rig: the sensors' time at the log's 0, in seconds",
         )
 
     @property
@@ -228,7 +228,7 @@ class JointLog:
         return (
             f"{table.path.name}: {len(table.rows)} samples, {style} ({_listed(table.joints)}), "
             f"angles in {unit} ({reason}), stamps {table.stamp.written} in {self.stamp_unit}, "
-            f"clock offset {self.options.clock_offset_s:+.6f} s"
+            f"counted from {self.options.epoch_s:.6f} s"
         )
 
 

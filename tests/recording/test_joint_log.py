@@ -161,7 +161,7 @@ def test_a_rig_names_the_log_its_columns_units_and_clock(
                     "file": "{recording}.log",
                     "stamp_column": "clock",
                     "stamp_unit": "ms",
-                    "clock_offset_s": START * 1e-9,
+                    "epoch_s": START * 1e-9,
                     "columns": [f"axis{i}" for i in range(6)],
                     "unit": "rad",
                 }
@@ -171,7 +171,10 @@ def test_a_rig_names_the_log_its_columns_units_and_clock(
     rig = load_rig(tmp_path / "rig.yaml")
     found, expected = summarise(bag, rig), summarise(whole, Rig.from_dict(ARM))
     assert found.obstacles == [] and found.pairs == expected.pairs
-    assert "columns of the rig" in found.joint_log and "+1700000000.000000 s" in found.joint_log
+    assert (
+        "columns of the rig" in found.joint_log
+        and "counted from 1700000000.000000 s" in found.joint_log
+    )
     assert Rig.from_dict(rig.to_dict()).joint_log == rig.joint_log
 
 
@@ -239,7 +242,7 @@ BAD: dict[str, tuple[str, str]] = {
     ),
     "of another time": (
         f"{UR}\n{ROW.replace('1700000000', '55')}",
-        "set joint_log.clock_offset_s in the rig: the sensors' clock minus the log's",
+        "set joint_log.epoch_s in the rig: the sensors' time at the log's 0",
     ),
 }
 
