@@ -170,6 +170,9 @@ class Recording:
             except (struct.error, IndexError):
                 self._note(topic, f"of {len(raw)} bytes, too short for its type")
                 continue
+            if stamp_ns < 0:  # ROS 2 seconds have a sign; its time begins in 1970
+                self._note(topic, f"with a stamp of {stamp_ns} ns, before 1970")
+                continue
             if wanted is None or wanted(topic, stamp_ns):
                 yield topic, stamp_ns, bag_ns, raw
 

@@ -133,6 +133,17 @@ def test_a_checksum_finds_a_damaged_chunk(tmp_path: Path, compression: Compressi
     assert len(problems) == 1 and "1 of " in problems[0] and "chunks are damaged" in problems[0]
 
 
+def test_a_stamp_before_1970_is_damage(small: dict[str, bytes], tmp_path: Path) -> None:
+    content = bytearray(small["mcap"])
+    at = content.find((1_700_000_000).to_bytes(4, "little"))
+    content[at : at + 4] = b"\x00\x00\x00\x80"
+    path = tmp_path / "bad.mcap"
+    path.write_bytes(content)
+    found, problems = read(path)
+    assert found
+    assert any("before 1970" in problem for problem in problems), problems
+
+
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(["ros1", "ros1-bz2", "sqlite3", "mcap", "mcap-chunk"]), st.data())
 def test_no_damage_crashes_the_reader(
