@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from lcdata.cli.common import JsonFlag, guarded, names, print_json, progress_bar
+from lcdata.errors import SimulationError
 
 EXAMPLE = "lcdata simulate recordings --scenario gym --poses 5 --pairs 2 --seed 1 --format mcap"
 
@@ -62,7 +63,10 @@ def simulate(
     from lcdata.simulation import simulate_hand_held
 
     if moving is not None and (rig or azimuth_window or motion_hz or clock_offset):
-        raise typer.BadParameter("--moving is without an arm and with a rig of its own")
+        raise SimulationError(
+            "--moving is without an arm and with a rig of its own",
+            "leave out --rig, --azimuth-window, --motion-hz and --clock-offset",
+        )
     with progress_bar(quiet=as_json) as progress:
         both: dict[str, Any] = {
             "scenario": names(scenario),

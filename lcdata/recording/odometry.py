@@ -25,10 +25,11 @@ POINTS = 10_000
 """As many of a scan are registered; more cost time and change nothing."""
 NEAREST_M = 1.0
 """Nearer points may be of the person who carries the LiDAR."""
-_CELL_SHARE, _CELL_M = 1 / 40, (0.05, 0.4)
+_CELL_SHARE, _CELL_M = 1 / 160, (0.02, 0.1)
 """Cell in which one point is kept: a share of the median range, within limits."""
-_VOXEL = 2.5
-"""Voxels of the map, in cells."""
+_VOXEL = 5.0
+"""Voxels of the map, in cells. Cells four times as large leave a Livox's first scans too few points
+to overlap."""
 _ROUNDS = 2
 _NEIGHBOURS = 20
 _FOR_EVER = 1_000_000

@@ -109,5 +109,5 @@ def test_thinning_keeps_one_point_a_cell_with_its_time() -> None:
     index = np.searchsorted(seconds, kept.seconds)
     np.testing.assert_array_equal(points[index], kept.points.astype(np.float32))
     assert len(thin(0, points, seconds, 0.01).points) == POINTS
-    assert 0.05 <= cell_size(points) <= 0.4
-    assert cell_size(points[:0]) == 0.4
+    assert 0.02 <= cell_size(points) <= 0.1
+    assert cell_size(points[:0]) == 0.1
