@@ -12,6 +12,7 @@ from lcdata.recording import fields
 from lcdata.recording.clock_report import ClockReport, compare_clocks, with_consequence
 from lcdata.recording.clocks import apart, clocks
 from lcdata.recording.dwells import find_dwells, speed
+from lcdata.recording.integration import point_times
 from lcdata.recording.messages import Cloud, Image
 from lcdata.recording.plan import PosePlan, plan_poses
 from lcdata.recording.source import Recording
@@ -72,7 +73,7 @@ def _look(summary: Summary, recording: Recording, topics: Topics, rig: Rig | Non
     summary.clocks = clocks(topics, surveyed) if recording.stamps == "header" else []
     cloud, image = (_first(recording, name) for name in (topics.lidar, topics.image))
     if isinstance(cloud, Cloud):
-        _look_at_cloud(summary, cloud, rig)
+        _look_at_cloud(summary, cloud, rig, topics.lidar)
     if isinstance(image, Image):
         _look_at_image(summary, image, surveyed, rig)
     for topic, first in ((topics.lidar, cloud), (topics.image, image)):
@@ -136,7 +137,7 @@ def _topics(
     return found
 
 
-def _look_at_cloud(summary: Summary, cloud: Cloud, rig: Rig | None) -> None:
+def _look_at_cloud(summary: Summary, cloud: Cloud, rig: Rig | None, topic: str) -> None:
     dtype = cloud.records.dtype
     names = dtype.names or ()
     shapes = {name: "x".join(map(str, dtype[name].shape)) for name in names}
@@ -145,6 +146,8 @@ def _look_at_cloud(summary: Summary, cloud: Cloud, rig: Rig | None) -> None:
         usable = int(np.isfinite(fields.points(cloud.records)).all(axis=1).sum())
         given = {"field": rig.point_time.field, "unit": rig.point_time.unit} if rig else {}
         time = fields.point_time(cloud.records, **given)
+        if rig and rig.integration and rig.integration.mode == "dynamic":
+            point_times(cloud, rig.point_time, f"topic {topic}")
     except LcdataError as error:
         summary.obstacles.append(str(error))
     if not usable:
@@ -158,6 +161,7 @@ def _look_at_cloud(summary: Summary, cloud: Cloud, rig: Rig | None) -> None:
         fields.intensity_name(dtype),
         fields.ring_name(dtype),
         time,
+        fields.is_livox(dtype),
     )
 
 
@@ -276,4 +280,5 @@ def _pose(pose: PosePlan, start_ns: int, arm: Arm | None) -> PoseSummary:
         pose.images,
         pairs,
         reason,
+        sum(map(len, pose.merged_ns)) if pairs else 0,
     )

@@ -34,6 +34,31 @@ _TICK_S = 1e-4
 """Points within a tick share a pose: 0.1 mm at 1 m/s."""
 
 
+def point_times(cloud: Cloud, given: PointTime, where: str) -> PointTimeField:
+    """The field of a cloud that has the time of each point.
+
+    Args:
+        cloud: The first one.
+        given: The rig's `point_time`.
+        where: Recording and topic, for errors.
+
+    Raises:
+        IntegrationError: There is none, or its times are all the same.
+        MessageError: The rig names a field that is not there.
+    """
+    times = fields.point_time(cloud.records, field=given.field, unit=given.unit)
+    needs = f"{where}: integration: dynamic needs a time of each point"
+    remedy = "record one, name it (point_time.field), or set integration: static or none"
+    if times is None:
+        names = ", ".join(cloud.records.dtype.names or ())
+        raise IntegrationError(f"{needs}, its clouds have only {names}", remedy)
+    if times.span_s < _SHORTEST_SCAN_S and len(cloud.records):
+        raise IntegrationError(
+            f"{needs}, field {times.name} spans only {1e6 * times.span_s:.3g} us", remedy
+        )
+    return times
+
+
 @dataclass(eq=False)
 class _Run:
     """A pair on its way: its scans, and what has been read of them."""
@@ -201,24 +226,8 @@ class Merger:
     def _seconds(self, cloud: Cloud) -> NDArray[np.float64]:
         """(N,) time of each point since the cloud's stamp."""
         if self._times is None:
-            given = self._point_time
-            times = fields.point_time(cloud.records, field=given.field, unit=given.unit)
             where = f"{self._recording.path}: topic {self._topics.lidar}"
-            remedy = "record one, name it (point_time.field), or set integration: static or none"
-            if times is None:
-                names = ", ".join(cloud.records.dtype.names or ())
-                raise IntegrationError(
-                    f"{where}: integration: dynamic needs a time of each point, its clouds have "
-                    f"only {names}",
-                    remedy,
-                )
-            if times.span_s < _SHORTEST_SCAN_S and len(cloud.records):
-                raise IntegrationError(
-                    f"{where}: integration: dynamic needs a time of each point, field "
-                    f"{times.name} spans only {1e6 * times.span_s:.3g} us",
-                    remedy,
-                )
-            self._times = times
+            self._times = point_times(cloud, self._point_time, where)
         return self._times.since(cloud.records, cloud.stamp_ns)
 
     def _finished(self, run: _Run) -> RecordedPair:

@@ -34,6 +34,8 @@ def suggest_rig(summary: Summary) -> str:
         parts.append(_camera(summary))
     if any(clock.note for clock in summary.clocks):
         parts.append("stamps: bag  # the headers' clocks do not agree\n")
+    if summary.cloud and summary.cloud.livox:
+        parts.append("integration: static  # no two scans are alike: together they are dense")
     return "\n".join(part.rstrip() for part in parts if part) + "\n"
 
 

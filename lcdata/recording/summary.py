@@ -50,6 +50,7 @@ class CloudSummary:
     intensity: str | None
     ring: str | None
     time: PointTimeField | None
+    livox: bool
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,10 @@ class ImageSummary:
 
 @dataclass(frozen=True)
 class PoseSummary:
-    """One pose, what build would take from it, and why not more."""
+    """One pose, what build would take from it, and why not more.
+
+    `merged` counts the scans in clouds that are made of several.
+    """
 
     pose_id: str
     start_s: float
@@ -75,6 +79,7 @@ class PoseSummary:
     images: int
     pairs: int
     reason: str
+    merged: int
 
 
 @dataclass

@@ -74,6 +74,11 @@ def _sensors(summary: Summary) -> list[str]:
             if time
             else "             time none"
         )
+        if cloud.livox:
+            lines.append(
+                "             a Livox: no two of its scans are alike, together they are dense "
+                "(integration: static)"
+            )
     if image := summary.image:
         lines.append(
             f"  image      {image.width}x{image.height}, {image.encoding}, frame {image.frame!r}"
@@ -135,8 +140,10 @@ def _verdict(summary: Summary) -> str:
         return "build would stop:" if summary.obstacles else "build would take nothing."
     taken = sum(bool(pose.pairs) for pose in summary.poses)
     kind = "from the arm" if summary.ground_truth == "arm" else "static"
+    merged = sum(pose.merged for pose in summary.poses)
+    made = f" of {merged} scans merged" if merged else ""
     return (
-        f"build would take {summary.pairs} pair{'s' * (summary.pairs > 1)}, at {taken} of "
+        f"build would take {summary.pairs} pair{'s' * (summary.pairs > 1)}{made}, at {taken} of "
         f"{len(summary.poses)} pose{'s' * (len(summary.poses) > 1)}, ground truth {kind}."
     )
 

@@ -11,12 +11,14 @@ import pytest
 
 from lcdata.errors import IntegrationError, MissingLibraryError
 from lcdata.geometry import se3
-from lcdata.recording.integration import Merger
+from lcdata.recording.integration import Merger, point_times
+from lcdata.recording.messages import Cloud
 from lcdata.recording.plan import PosePlan, RecordedPair, plan_poses
 from lcdata.recording.source import open_recording
+from lcdata.recording.summary import summarise
 from lcdata.recording.survey import survey
 from lcdata.recording.topics import choose_topics
-from lcdata.rig import PointTime
+from lcdata.rig import PointTime, Rig
 from lcdata.rig_integration import IntegrationSection
 
 from .bags import MS, START, Messages, write
@@ -163,6 +165,20 @@ def test_points_without_times_are_named(tmp_path: Path) -> None:
         merge(path, "dynamic")
     (pair,), _, _ = merge(path, "static")
     assert pair.scans == SCANS
+    rig = Rig.from_dict(
+        {"ground_truth": "static", "T_camera_lidar": np.eye(4).tolist(), "integration": "dynamic"}
+    )
+    obstacles = summarise(path, rig).obstacles
+    assert "topic /lidar/points: integration: dynamic needs a time of each point" in obstacles[0]
+    assert "build would stop:" in summarise(path, rig).lines()
+
+
+def test_times_that_do_not_pass_are_named(tmp_path: Path) -> None:
+    """Some drivers have the field and leave it empty."""
+    cloud = Cloud(0, 0, "lidar", records(0, moving=False), 1, 1)
+    cloud.records["t"] = 0
+    with pytest.raises(IntegrationError, match="field t spans only 0 us"):
+        point_times(cloud, PointTime(), "run: topic /lidar")
 
 
 def test_clouds_without_intensity_are_merged(tmp_path: Path) -> None:

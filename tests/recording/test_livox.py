@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from rosbags.typesys import get_types_from_msg
 
 from lcdata.errors import MessageError
@@ -15,6 +16,7 @@ from lcdata.recording.livox import CUSTOM_CLOUD, CUSTOM_POINT, read_custom
 from lcdata.recording.messages import Cloud, intensity_field, ring_field, time_field, xyz
 from lcdata.recording.source import open_recording
 from lcdata.recording.summary import summarise
+from lcdata.rig import Rig
 
 from .bags import MS, START, Messages, write
 
@@ -152,10 +154,17 @@ def test_info_takes_them_as_the_lidar(tmp_path: Path) -> None:
             yield "/camera/image", stamp, messages.image(stamp, pixels, "mono8")
             yield "/camera/camera_info", stamp, messages.camera_info(stamp, 64, 48)
 
-    summary = summarise(write(tmp_path, "run", "ros1", stream))
+    path = write(tmp_path, "run", "ros1", stream)
+    summary = summarise(path)
     roles = {topic.name: topic.role for topic in summary.topics}
     assert roles["/livox/lidar"] == "lidar"
     text = "\n".join(summary.lines())
     assert "livox_ros_driver/CustomMsg" in text
     assert "intensity reflectivity, ring none" in text
     assert "time offset_time in ns" in text
+    assert "a Livox: no two of its scans are alike" in text
+    assert "integration: static" in summary.rig_yaml
+    rig = Rig.from_dict(yaml.safe_load(summary.rig_yaml))
+    assert rig.integration.mode == "static"
+    again = "\n".join(summarise(path, rig).lines())
+    assert "build would take 1 pair of 3 scans merged, at 1 of 1 pose" in again
