@@ -106,5 +106,6 @@ def test_the_wheel_holds_the_arm_models_and_the_type_marker(tmp_path):
         "lcdata/arm_models/gen3_lite/gen3_lite.urdf",
         "lcdata/arm_models/gen3_lite/LICENSE",
         "lcdata/py.typed",
+        "lcdata/pick/page.html",
     } <= names
     assert not any(name.startswith(("tests/", "recordings/", "benchmarks/")) for name in names)

@@ -2,12 +2,16 @@
 
     lcdata build recordings/ && python docs/images/make_images.py dataset
 
-The picture of the review needs a graphics driver (on a machine without one: mesa-vulkan-drivers).
+The picture of the review needs a graphics driver (on a machine without one: mesa-vulkan-drivers),
+that of the page for picking matches needs Chromium.
 """
 
 from __future__ import annotations
 
+import json
 import sys
+import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -17,12 +21,22 @@ from rerun.experimental import ViewerClient
 
 from lcdata.dataset import Dataset
 from lcdata.evaluation import read_results
+from lcdata.geometry import se3
+from lcdata.pick import PickServer, Session
 from lcdata.report import draw_overlay
 from lcdata.review.viewer import viewer_command
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "pick"))
+
+from chromium import Browser  # noqa: E402
+
 PAIR = "yard/pose_001/000"
 WIDTH = 640
+
+PICKED = "gym/pose_000/000"
+PLACES = ((413, 444), (523, 491), (482, 549), (394, 552), (217, 412), (560, 520), (122, 644))
+"""Pixels of the LiDAR's picture: corners of a scoreboard, a basket, a box, a window, a line."""
 
 
 def overlay(dataset: Dataset) -> None:
@@ -59,7 +73,32 @@ def review(dataset: Dataset) -> None:
     cv2.imwrite(str(HERE / "review.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
+def pick(dataset: Dataset) -> None:
+    """The page for picking matches, with a few that are about a pixel off."""
+    session, pair = Session(dataset, PICKED), dataset.load(PICKED)
+    rng = np.random.default_rng(0)
+    matches = []
+    for place in PLACES:
+        found = session.point(*place)
+        seen = pair.camera.project(se3.apply(pair.T_camera_lidar, [found["point"]]))[0][0]
+        camera = (seen + rng.normal(0, 1, 2)).tolist()
+        matches.append({"camera": camera, "lidar": found["at"], "point": found["point"]})
+    with tempfile.TemporaryDirectory() as profile, PickServer(session) as server:
+        thread = threading.Thread(target=server.serve, daemon=True)
+        thread.start()
+        with Browser(Path(profile), 1440, 800) as browser:
+            browser.open(server.url)
+            browser.value(f"matches = {json.dumps(matches)}; changed(); 1")
+            browser.until("!$('save').disabled")
+            browser.picture(Path(profile) / "page.png")
+            picture = cv2.imread(str(Path(profile) / "page.png"))
+        server.stop()
+        thread.join()
+    cv2.imwrite(str(HERE / "pick.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 88])
+
+
 if __name__ == "__main__":
     opened = Dataset.open(Path(sys.argv[1]))
+    pick(opened)
     overlay(opened)
     review(opened)

@@ -24,7 +24,7 @@ def served(gym: Dataset) -> Iterator[PickServer]:
     for old in (gym.path / "picks").rglob("*.json"):
         old.unlink()
     with PickServer(Session(gym, gym.pairs[0].pair_id)) as server:
-        thread = threading.Thread(target=server.serve)
+        thread = threading.Thread(target=server.serve, daemon=True)
         thread.start()
         yield server
         server.stop()
