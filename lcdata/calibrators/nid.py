@@ -20,7 +20,8 @@ from lcdata.features.nid_objective import (
     nid_features,
     objective,
 )
-from lcdata.features.nid_search import Stage, bfgs, different, nelder_mead, shrinking_search
+from lcdata.features.nid_registration import CANDIDATES, averaged, limited, search
+from lcdata.features.nid_search import bfgs, nelder_mead
 from lcdata.features.nid_views import whereabouts
 from lcdata.geometry import se3
 from lcdata.pair import Pair
@@ -34,27 +35,6 @@ FEWEST_POINTS = 300
 
 SETTLED_M, SETTLED_RAD = 0.001, np.deg2rad(0.01)
 """Culling and registration are repeated until the pose moves less."""
-
-BLUNT, MIDDLE, SHARP = (0, 1), (1, 2), (2, 3)
-"""Distance fields of the search's levels."""
-
-THIN = (2000, 4000, 8000)
-"""Points of all pairs together at each level of the search, a pair at least `THIN_PAIR`."""
-THIN_PAIR = 1000
-
-STAGES = (
-    Stage(0, 0.35, 60, 800),
-    Stage(0, 0.2, 40, 600),
-    Stage(1, 0.12, 25, 400),
-    Stage(1, 0.07, 15, 300),
-    Stage(2, 0.04, 10, 200),
-)
-
-CANDIDATES = 4
-"""Different poses of the search that are refined."""
-
-REFINED_POINTS = 20_000
-"""Points that candidates are refined with."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +119,7 @@ class NidCalibrator(Calibrator):
             self.prepare(pair) if done is None else done
             for pair, done in zip(pairs, ready, strict=True)
         ]
-        first = objective(features, T_initial, self.with_edges)
+        first = limited(objective(features, T_initial, self.with_edges), self.seed)
         if first.inside < FEWEST_POINTS * len(pairs):
             return _blind(features, T_initial, first.inside, started)
         found, last = self._register(features, T_initial, first)
@@ -175,12 +155,14 @@ class NidCalibrator(Calibrator):
         current, found = first, Minimum(T_initial, ())
         for k in range(self.rounds):
             if k:
-                current = objective(features, found.T, self.with_edges)
+                current = limited(objective(features, found.T, self.with_edges), self.seed + k)
             T = self._step(current, found, k, rng)
             moved = np.abs(se3.log(T.T @ se3.inverse(found.T)))
             found = T
             if k and moved[:3].max() < SETTLED_M and moved[3:].max() < SETTLED_RAD:
                 break
+        if self.with_edges and self.solver != "nelder_mead":
+            found = Minimum(averaged(current, found.T, 0.25 * self.box, rng), found.others)
         return found, current
 
     def _step(
@@ -198,40 +180,6 @@ class NidCalibrator(Calibrator):
         minima = search(current, found.T, reach, samples, candidates, rng)
         T, _ = bfgs(current.slope, minima[0][0], reach * 0.5)
         return Minimum(T, tuple(minima[1:]) if k == 0 else found.others)
-
-
-def search(
-    current: Objective,
-    T: Array,
-    reach: Array,
-    samples: int,
-    candidates: int,
-    rng: np.random.Generator,
-) -> list[tuple[Array, float]]:
-    """Different minima in a box, best first, each with its cost.
-
-    Args:
-        current: What to minimise.
-        T: 4x4 middle of the box.
-        reach: (6,) half-widths, metres then radians.
-        samples: Poses in the first round.
-        candidates: Different poses of the search that are refined.
-        rng: Of everything random.
-    """
-    least = THIN_PAIR * len(current.views)
-    thin = [current.thinned(max(count, least * (k + 1)), rng) for k, count in enumerate(THIN)]
-    costs = [
-        lambda poses, o=o, levels=levels: o.hard(poses, levels)
-        for o, levels in zip(thin, (BLUNT, MIDDLE, SHARP), strict=True)
-    ]
-    half_width = np.concatenate([reach[3:], reach[:3]])
-    poses, _ = shrinking_search(costs, T, half_width, samples, STAGES, rng)
-    refined = current.thinned(REFINED_POINTS, rng)
-    starts = different(poses, candidates, 0.05 * reach)
-    return sorted(
-        (bfgs(refined.slope, start, 0.25 * reach, 20, 1e-6) for start in starts),
-        key=lambda item: item[1],
-    )
 
 
 def _blind(
@@ -255,6 +203,9 @@ class Nid(NidCalibrator):
 
     name: ClassVar[str] = "nid"
     with_edges: ClassVar[bool] = False
+
+    search_translation_m: float = 0.3
+    search_samples: int = 5000
 
     def prepare(self, pair: Pair) -> NidFeatures:
         """Equalised image and finite points of one pair."""

@@ -28,8 +28,11 @@ MIN_CONTRAST = 3.0
 RIVAL = 0.9
 """Another minimum of at least so much of the depth makes the result ambiguous."""
 
-INFLATION = 2.0
+INFLATION = 3.0
 """Variance of the estimate over the predicted one, measured on simulated pairs."""
+
+PROBE = np.repeat([0.004, np.deg2rad(0.04)], 3)
+"""Spread of the probes of the cost's curvature: nearer it is rough, farther off it flattens."""
 
 REACH = 1.5
 """Largest correction of the initial guess on one axis, in half-widths of the box."""
@@ -111,8 +114,8 @@ def sandwich(last: Objective, T: Array) -> Array | None:
     H is the Hessian of the cost, g the gradient's share of one part of one image: neighbouring
     points are wrong together, parts of the image are not (White 1982, clustered).
     """
-    for scale in (1.0, 2.0, 4.0):
-        H = _curvature(last, T, scale * np.repeat([0.01, np.deg2rad(0.1)], 3))
+    for scale in (1.0, 0.5, 2.0):
+        H = _curvature(last, T, scale * PROBE)
         if H is not None:
             break
     else:
@@ -123,7 +126,7 @@ def sandwich(last: Objective, T: Array) -> Array | None:
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def _curvature(last: Objective, T: Array, spread: Array, probes: int = 16) -> Array | None:
+def _curvature(last: Objective, T: Array, spread: Array, probes: int = 32) -> Array | None:
     """Hessian that explains best how the gradient changes from place to place around a pose.
 
     The cost is rough on the scale of a pixel, so that differences close by say little.
@@ -191,12 +194,12 @@ def halves_apart(
         Metres and radians, the largest.
     """
     poses = [T]
+    width = np.concatenate([box[3:], box[:3]])
     for odd in (0, 1):
         half = last.half(odd)
-        start = displaced(T, rng.uniform(-0.4, 0.4, (1, 6)) * np.concatenate([box[3:], box[:3]]))[0]
+        start = displaced(T, rng.uniform(-0.25, 0.25, (1, 6)) * width)[0]
         thin = half.thinned(3000 * len(half.views), rng)
-        width = np.concatenate([box[3:], box[:3]])
-        found, _ = shrinking_search([thin.hard], start, width, 1000, HALF_STAGES, rng)
+        found, _ = shrinking_search([thin.hard], start, 0.5 * width, 1000, HALF_STAGES, rng)
         poses.append(bfgs(half.thinned(15_000, rng).slope, found[0], 0.3 * box, 20, 1e-6)[0])
     metres, radians = 0.0, 0.0
     for i in range(3):

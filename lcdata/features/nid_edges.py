@@ -38,6 +38,9 @@ PAINT_SHARE = 0.04
 PAINT_WEIGHT = 0.5
 """What a step of reflectance counts beside one of range."""
 
+COARSE_CELL, FINEST_CELL = 0.03, 0.002
+"""Cells that tell the field of view of a cloud without rings, and its range image's, radians."""
+
 LARGEST_GAP = 3.0
 """Points of a ring farther apart than so many typical gaps are not neighbours."""
 
@@ -74,7 +77,10 @@ def edge_points(
         found = ring_from_scan_order(cloud)
         if found is None:
             found = ring_from_elevation(cloud)
-        rank = _own_rings(cloud) if found is None else np.asarray(found)
+        if found is None:
+            chosen, found = _own_rings(cloud, distance[good])
+            good, cloud = good[chosen], cloud[chosen]
+        rank = np.asarray(found)
     azimuth = np.arctan2(cloud[:, 1], cloud[:, 0])
     order = np.lexsort((azimuth, rank))
     cloud, rank, azimuth = cloud[order], rank[order], azimuth[order]
@@ -115,15 +121,23 @@ def _paint(light: Floats, far: Floats, same: NDArray[np.bool_], middle: Floats) 
     return np.asarray(middle[best] * (0.5 * (far[best] + far[best + 1]))[:, None])
 
 
-def _own_rings(cloud: Floats) -> NDArray[np.int64]:
-    """Rings of equal height for a cloud that has none, about as many as its density bears."""
+def _own_rings(cloud: Floats, distance: Floats) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """A cloud without rings seen as a range image, about as fine as its density bears.
+
+    Returns:
+        (K,) the nearest point of each cell, and its (K,) row.
+    """
     elevation = np.arctan2(cloud[:, 2], np.hypot(cloud[:, 0], cloud[:, 1]))
-    low, high = np.percentile(elevation, [0.5, 99.5])
     azimuth = np.arctan2(cloud[:, 1], cloud[:, 0])
-    width = max(len(np.unique((azimuth / 0.01).astype(int))) * 0.01, 0.05)
-    height = max(float(high - low), 0.02)
-    cell = np.sqrt(width * height / len(cloud))
-    return np.asarray(np.floor((elevation - low) / max(cell, 1e-4)), np.int64)
+    seen = len(np.unique(np.floor(np.stack([azimuth, elevation], 1) / COARSE_CELL), axis=0))
+    # Two points a cell on average: few cells stay empty.
+    cell = max(COARSE_CELL * float(np.sqrt(2.0 * seen / len(cloud))), FINEST_CELL)
+    row = np.floor((elevation + np.pi) / cell).astype(np.int64)
+    place = row * (1 << 20) + np.floor((azimuth + np.pi) / cell).astype(np.int64)
+    order = np.lexsort((distance, place))
+    first = np.r_[True, np.diff(place[order]) != 0]
+    chosen = order[first]
+    return chosen, row[chosen]
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,10 +260,17 @@ class Objective:
         share = count / max(sum(len(v.cloud.points) for v in self.views), 1)
         if share >= 1.0:
             return self
+        return self._sample(share, 1.0, rng)
+
+    def sampled(self, share: float, rng: np.random.Generator) -> Objective:
+        """A random share of points and edges."""
+        return self._sample(share, share, rng)
+
+    def _sample(self, points: float, edges: float, rng: np.random.Generator) -> Objective:
         views = []
         for v in self.views:
-            chosen = np.flatnonzero(rng.random(len(v.cloud.points)) < share)
-            views.append(v.part(chosen, np.arange(len(v.edges))))
+            chosen = np.flatnonzero(rng.random(len(v.cloud.points)) < points)
+            views.append(v.part(chosen, np.flatnonzero(rng.random(len(v.edges)) < edges)))
         return Objective(views, self.with_edges)
 
     def half(self, odd: int) -> Objective:
