@@ -9,6 +9,7 @@ from lcdata.errors import CalibrationError
 from lcdata.reproduce.experiment import Experiment
 
 EXPERIMENTS = {
+    "nid-table": "lcdata.reproduce.nid_table",
     "plk-table1": "lcdata.reproduce.plk_table1",
 }
 """Name to the module whose `EXPERIMENT` it is; imported when it is asked for."""
