@@ -33,7 +33,7 @@ from lcdata.simulation.world import World  # noqa: E402
 Array = NDArray[np.float64]
 SCANS, SCAN_S = 30, 0.1
 VOXELS_M = (0.5, 1.0)
-"""KISS-ICP's; its default is a hundredth of the largest range, 1 m. At 0.2 m a scan takes seconds."""
+"""KISS-ICP's; by default a hundredth of the largest range, 1 m. At 0.2 m a scan takes seconds."""
 
 
 def scans_of(world: World, name: str) -> tuple[list[Array], list[Array]]:

@@ -29,6 +29,8 @@ from lcdata.rig_integration import IntegrationSection
 
 LEAST_MOTION = (0.02, np.deg2rad(1.0))
 """Metres and radians: a LiDAR that moves less might as well stand still."""
+_FEWEST_POINTS = 100
+"""A scan with fewer is not registered; the motion of the others carries it."""
 _SHORTEST_SCAN_S = 1e-3
 _TICK_S = 1e-4
 """Points within a tick share a pose: 0.1 mm at 1 m/s."""
@@ -65,12 +67,17 @@ class _Run:
 
     pose: PosePlan
     number: int
-    waiting: set[int]
-    cloud: VoxelCloud
+    waiting: set[int] = field(default_factory=set)
     motion: Trajectory | None = None
+    thin: list[ThinScan] = field(default_factory=list)
+    cell_m: float = 0.0
+    cloud: VoxelCloud | None = None
     first: Cloud | None = None
     image: Image | None = None
-    thin: list[ThinScan] = field(default_factory=list)
+
+    def wait(self) -> None:
+        """Its scans are to come."""
+        self.waiting = set(self.pose.merged_ns[self.number].tolist())
 
     @property
     def pair_id(self) -> str:
@@ -101,7 +108,6 @@ class Merger:
         self._recording, self._topics, self._rules = recording, topics, rules
         self._point_time = point_time
         self._times: PointTimeField | None = None
-        self._cell_m = 0.0
 
     def pairs(
         self,
@@ -121,9 +127,9 @@ class Merger:
             MissingLibraryError: The LiDAR moves, and small_gicp is not installed.
         """
         runs = [
-            _Run(pose, number, set(stamps.tolist()), self._voxels())
+            _Run(pose, number)
             for pose in poses
-            for number, stamps in enumerate(pose.merged_ns)
+            for number in range(len(pose.merged_ns))
             if pose.pair_id(number) not in skip
         ]
         if self._rules.mode == "dynamic":
@@ -132,15 +138,11 @@ class Merger:
                 if registered:
                     registered(done, len(runs))
             runs = [run for run in runs if run.motion is not None]
-            for run in runs:
-                run.waiting = set(run.pose.merged_ns[run.number].tolist())
         by_image = {run.image_ns: run for run in runs}
         for run in self._read(runs, self._place, by_image):
-            if run.first is not None and run.image is not None:
+            if run.cloud is not None and run.image is not None:
                 yield self._finished(run)
-
-    def _voxels(self) -> VoxelCloud:
-        return VoxelCloud(self._rules.voxel_m, self._rules.max_points)
+            run.motion = run.cloud = run.first = run.image = None  # others need the memory
 
     def _read(
         self,
@@ -149,6 +151,8 @@ class Merger:
         by_image: dict[int, _Run] | None = None,
     ) -> Iterator[_Run]:
         """Each run, as soon as all of its scans have been used and its image is there."""
+        for run in runs:
+            run.wait()
         by_scan = {stamp: run for run in runs for stamp in run.waiting}
         images = dict(by_image or {})
         lidar, image = self._topics.lidar, self._topics.image
@@ -174,18 +178,21 @@ class Merger:
         """Keep of a scan what registration needs."""
         points = xyz(cloud)
         seconds = self._seconds(cloud)
-        if not run.thin:
-            self._cell_m = cell_size(points)
-        run.thin.append(thin(cloud.stamp_ns, points, seconds, self._cell_m))
+        run.cell_m = run.cell_m or cell_size(points)
+        scan = thin(cloud.stamp_ns, points, seconds, run.cell_m)
+        if len(scan.points) >= _FEWEST_POINTS:
+            run.thin.append(scan)
 
     def _register(self, run: _Run) -> None:
         """Find a run's motion, or why there is none."""
         scans = sorted(run.thin, key=lambda scan: scan.stamp_ns)
         run.thin = []
-        if not scans:
-            return
         try:
-            motion = register(scans, self._cell_m)
+            if not scans:
+                raise IntegrationError(
+                    "none of them has points farther than 1 m", "see lcdata info"
+                )
+            motion = register(scans, run.cell_m)
             far, turn = motion.way_m, motion.turn_rad
             if far < LEAST_MOTION[0] and turn < LEAST_MOTION[1]:
                 raise IntegrationError(
@@ -204,6 +211,8 @@ class Merger:
         strength = None if name is None else cloud.records[name]
         if run.motion is not None:
             points = self._moved(run, run.motion, points, self._seconds(cloud), cloud.stamp_ns)
+        if run.cloud is None:
+            run.cloud = VoxelCloud(self._rules.voxel_m, self._rules.max_points)
         run.cloud.add(points, strength)
         if run.first is None or cloud.stamp_ns < run.first.stamp_ns:
             run.first = cloud
@@ -216,12 +225,14 @@ class Merger:
         seconds: NDArray[np.float64],
         stamp_ns: int,
     ) -> NDArray[np.floating]:
-        """(N, 3) points in the LiDAR's frame at the time of the image."""
-        ticks, index = np.unique(np.rint(seconds / _TICK_S), return_inverse=True)
+        """(N, 3) points in the LiDAR's frame at the time of the image; NaN without a time."""
+        result = np.full(points.shape, np.nan)
+        known = np.isfinite(seconds) & np.isfinite(points).all(axis=1)
+        ticks, index = np.unique(np.rint(seconds[known] / _TICK_S), return_inverse=True)
         T_image_map = se3.inverse(motion.at(run.image_ns))
-        T = T_image_map @ motion.at(stamp_ns, np.nan_to_num(ticks) * _TICK_S)
-        rotated = np.einsum("nij,nj->ni", T[index, :3, :3], points)
-        return np.asarray(rotated + T[index, :3, 3])
+        T = T_image_map @ motion.at(stamp_ns, ticks * _TICK_S)
+        result[known] = np.einsum("nij,nj->ni", T[index, :3, :3], points[known]) + T[index, :3, 3]
+        return result
 
     def _seconds(self, cloud: Cloud) -> NDArray[np.float64]:
         """(N,) time of each point since the cloud's stamp."""
@@ -232,10 +243,11 @@ class Merger:
 
     def _finished(self, run: _Run) -> RecordedPair:
         """A run as a pair; its cloud has points and intensities, and no order."""
-        first, image = run.first, run.image
+        first, image, cloud = run.first, run.image, run.cloud
         assert first is not None
         assert image is not None
-        points, strength = run.cloud.cells()
+        assert cloud is not None
+        points, strength = cloud.cells()
         name = intensity_field(first)
         columns = [(axis, points[:, k]) for k, axis in enumerate("xyz")]
         if name is not None:
@@ -245,4 +257,4 @@ class Merger:
             records[label] = values
         stamp_ns = int(run.pose.lidar_ns[run.number])
         merged = Cloud(stamp_ns, first.bag_stamp_ns, first.frame_id, records, 1, len(records))
-        return RecordedPair(run.pose, run.number, merged, image, run.cloud.scans)
+        return RecordedPair(run.pose, run.number, merged, image, cloud.scans)

@@ -46,12 +46,20 @@ def records(number: int, *, moving: bool, start_s: float = 0.0) -> np.ndarray:
 
 
 def recording(folder: Path, *, moving: bool, fields: list[str] | None = None, **how: Any) -> Path:
-    damaged = how.pop("damaged", ())
+    damaged, empty = how.pop("damaged", ()), how.pop("empty", ())
+    untimed = how.pop("untimed", False)
+    folder.mkdir(exist_ok=True)
 
     def stream(messages: Messages) -> Any:
         pixels = np.zeros((48, 64), np.uint8)
         for k in range(SCANS):
             stamp, points = START + 100 * k * MS, records(k, moving=moving, **how)
+            if k in empty:
+                for axis in "xyz":
+                    points[axis] = 0
+            if untimed:
+                points = points.astype([(n, "f8" if n == "t" else kind) for n, kind in KINDS])
+                points["t"][::9] = np.nan
             if fields:
                 points = np.array(
                     points[fields].tolist(), [kind for kind in KINDS if kind[0] in fields]
@@ -146,6 +154,24 @@ def test_scans_of_a_moving_lidar_are_brought_to_the_moment_of_the_image(tmp_path
     assert abs(off.mean()) < 15
     assert off.std() < 15
     assert naive.std() > 30
+
+
+def test_empty_scans_and_points_without_a_time_do_no_harm(tmp_path: Path) -> None:
+    pytest.importorskip("small_gicp")
+    good = recording(tmp_path / "good", moving=True, start_s=0.7)
+    bad = recording(tmp_path / "bad", moving=True, start_s=0.7, empty=(3,), untimed=True)
+    (first,), _, _ = merge(good, "dynamic", voxel_m=0.05)
+    (pair,), failures, _ = merge(bad, "dynamic", voxel_m=0.05)
+    assert failures == {}
+    assert pair.scans == SCANS
+    assert 0.7 * len(first.cloud.records) < len(pair.cloud.records) < len(first.cloud.records)
+    T = motion(np.array(0.031), 0.7)
+    off = 1000 * (se3.apply(T, points_of(pair))[:, 2] + 1.2) - pair.cloud.records["intensity"]
+    assert off.std() < 15
+    nothing = recording(tmp_path / "nothing", moving=True, empty=range(SCANS))
+    pairs, failures, _ = merge(nothing, "dynamic")
+    assert pairs == []
+    assert "none of them has points farther than 1 m" in failures["run/pose_000/000"]
 
 
 def test_a_lidar_that_did_not_move_is_named(tmp_path: Path) -> None:
