@@ -44,6 +44,20 @@ def find_urdf(model: str | Path, relative_to: Path | None = None) -> Path:
     )
 
 
+def mesh_folder(urdf: Path) -> Path | None:
+    """Folder that a URDF's `package://example-robot-data` starts from; None for other URDFs.
+
+    A data set keeps the URDF of its arm, not the meshes: they are where the package is installed.
+    """
+    if b"package://example-robot-data/" not in urdf.read_bytes():
+        return None
+    try:
+        anywhere = _find_example("ur5")
+    except (ArmError, MissingLibraryError):
+        return None
+    return next((p.parent for p in anywhere.parents if p.name == "example-robot-data"), None)
+
+
 def _find_example(name: str) -> Path:
     """URDF of the package example-robot-data, which has files and no module."""
     from importlib import metadata

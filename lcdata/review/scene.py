@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.arm.urdf import mesh_folder
 from lcdata.errors import ArmError, DatasetError, MissingLibraryError
 from lcdata.geometry import se3
 from lcdata.review import names
@@ -20,6 +24,9 @@ if TYPE_CHECKING:
     from lcdata.dataset.schema import PoseRecord
 
 Array = NDArray[np.float64]
+
+MESH_PATH = "ROS_PACKAGE_PATH"
+"""Where Rerun looks for `package://`."""
 
 LIDAR_RADIUS_M, LIDAR_HEIGHT_M = 0.045, 0.075
 MAST_WIDTH_M, PLATE_M = 0.04, 0.02
@@ -47,7 +54,8 @@ def log_arm(recording: rr.RecordingStream, arm: Arm) -> None:
         "Boxes3D:half_sizes": rr.Boxes3D,
         "Ellipsoids3D:half_sizes": rr.Ellipsoids3D,
     }
-    chunks = tree.stream(include_joint_transforms=False).to_chunks()
+    with _meshes_of(arm.urdf):
+        chunks = tree.stream(include_joint_transforms=False).to_chunks()
     recording.send_chunks(chunks)
     for chunk in chunks:  # simple shapes are wire frames unless told otherwise
         for shape in solids.keys() & chunk.to_record_batch().schema.names:
@@ -179,3 +187,19 @@ def _tree(arm: Arm) -> Any:
     return UrdfTree.from_file_path(
         arm.urdf, entity_path_prefix=names.ARM, frame_prefix=names.ARM_PREFIX
     )
+
+
+@contextmanager
+def _meshes_of(urdf: Path) -> Iterator[None]:
+    """Let Rerun find the meshes of a URDF that lies apart from them."""
+    folder, before = mesh_folder(urdf), os.environ.get(MESH_PATH)
+    if folder is None:
+        yield
+        return
+    os.environ[MESH_PATH] = os.pathsep.join(filter(None, (before, str(folder))))
+    try:
+        yield
+    finally:
+        os.environ.pop(MESH_PATH)
+        if before is not None:
+            os.environ[MESH_PATH] = before

@@ -8,6 +8,7 @@ import pytest
 
 from lcdata.arm import Arm, find_urdf
 from lcdata.arm.chain import chain_of
+from lcdata.arm.urdf import mesh_folder
 from lcdata.errors import ArmError, LcdataError, MissingLibraryError
 
 # A continuous joint about a slanted axis, a slide, and a joint about -y.
@@ -120,3 +121,5 @@ def test_arms_of_example_robot_data(name, base, effector):
     q = np.random.default_rng(2).uniform(-1, 1, (20, len(arm.joint_names)))
     expected = np.array([arm.forward(row) for row in q])
     np.testing.assert_allclose(arm.forward_many(q), expected, atol=1e-12)
+    folder = mesh_folder(arm.urdf)  # which the review's meshes come from
+    assert folder is not None and (folder / "example-robot-data" / "robots").is_dir()
