@@ -58,7 +58,7 @@ class Session:
                 "`lcdata validate` lists what is wrong",
             )
         self._points = np.asarray(pair.points, float)
-        self._has_intensity = pair.intensity is not None
+        self._has_intensity = pair.intensity is not None and np.ptp(pair.intensity) > 0
         self._view = lidar_view(self._points, pair.intensity)
         if not (self._view.index >= 0).any():
             raise CalibrationError(f"{pair_id}: its cloud has no points", "take another pair")
@@ -95,7 +95,7 @@ class Session:
             "image": [self.camera.width, self.camera.height],
             "view": [width, height],
             "shown": shown,
-            "has_intensity": self._has_intensity,
+            "has_intensity": bool(self._has_intensity),
             **self._former(),
         }
 

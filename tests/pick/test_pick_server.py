@@ -7,11 +7,15 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 
+from lcdata.dataset import build
 from lcdata.dataset.picks import (
     matched_extrinsics,
     picked_extrinsics,
@@ -113,6 +117,34 @@ def test_matches_of_a_csv(gym, tmp_path):
         path.write_text(text)
         with pytest.raises(CalibrationError, match=expected):
             matched_extrinsics(gym, path)
+
+
+def test_a_cloud_without_intensity_is_shown_by_range(tmp_path, browser):
+    """A recording without a bag, of a gray image and points on three walls."""
+    run = tmp_path / "run"
+    (run / "images").mkdir(parents=True), (run / "clouds").mkdir()
+    rng = np.random.default_rng(0)
+    walls = rng.uniform([3, -3, -3], [9, 3, 3], (4000, 3))
+    walls[np.arange(4000), rng.integers(0, 3, 4000)] = 3.0
+    np.save(run / "clouds" / "1700000000000000000.npy", walls.astype("f4"))
+    cv2.imwrite(str(run / "images" / "1700000000.0.png"), rng.integers(0, 255, (90, 160), np.uint8))
+    camera = {"width": 160, "height": 90, "intrinsics": [90, 90, 79.5, 44.5]}
+    forward = [[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
+    rig = {"ground_truth": "static", "camera": camera, "T_camera_lidar": forward}
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
+    dataset = build(run, tmp_path / "set").dataset
+    session = Session(dataset, "run/pose_000/000")
+    assert session.state()["has_intensity"] is False
+    matches = matches_of(dataset, "run/pose_000/000")
+    solved = session.solve(matches.tolist())
+    np.testing.assert_allclose(solved["T_camera_lidar"], forward, atol=1e-4)
+    with PickServer(session) as server:
+        threading.Thread(target=server.serve, daemon=True).start()
+        browser.open(server.url)
+        assert browser.value("shade()") == "range"
+        assert browser.value("document.querySelector('[value=intensity]').disabled") is True
+        assert browser.problems == []
+        server.stop()
 
 
 def started(gym, *options):

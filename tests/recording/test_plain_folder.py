@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,33 @@ def test_a_damaged_file_costs_its_own_pair(folder: Path, tmp_path: Path) -> None
     assert built.pairs == 1
     text = "\n".join(built.failures)
     assert second.name in text and "not named by a stamp, the first is scan_7.pcd" in text
+
+
+def test_real_frames_in_a_folder(shared: Path, tmp_path: Path) -> None:
+    source = shared / "data" / "kitti_road"
+    reference = json.loads((source / "reference.json").read_text())
+    run = tmp_path / "road"
+    for name in ("images", "clouds"):
+        (run / name).mkdir(parents=True)
+    clouds = sorted(source.glob("*.pcd"))[:2]
+    for i, cloud in enumerate(clouds):
+        stamp = START + i * 10**9
+        (run / "clouds" / f"{stamp}.pcd").symlink_to(cloud)
+        (run / "images" / f"{stamp}.png").symlink_to(cloud.with_suffix(".png"))
+    width, height = 1241, 376
+    camera = {"width": width, "height": height, "intrinsics": reference["K"]}
+    rig = {
+        "ground_truth": "static",
+        "camera": camera | {"distortion": reference["D"]},
+        "T_camera_lidar": reference["T_camera_lidar"],
+    }
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
+    built = build(run, tmp_path / "out")
+    assert built.pairs == 2 and built.failures == []
+    pair = next(iter(built.dataset))
+    assert pair.image.shape == (height, width, 3) and pair.intensity is not None
+    _, inside = pair.camera.project(pair.points @ pair.T_camera_lidar[:3, :3].T)
+    assert inside.sum() > 10_000
 
 
 def test_files_without_stamps_are_no_recording(folder: Path) -> None:
