@@ -28,6 +28,11 @@ FEWEST_RINGS = 6
 NEAREST_M = 0.3
 """Closer returns, and the zeros of missing ones, are left out."""
 
+MARGIN = 4
+"""Beams on either side of a step that must lie on the same smooth surface, within twice what is
+allowed at the step. Poles and limbs are darker at their sides, which is no paint, and look flat to
+the few beams on them."""
+
 LONELY_M = 0.2
 """A second step of the same sign so close is texture: which one continues a line is doubtful."""
 
@@ -124,8 +129,12 @@ def _steps(cloud, light, rank, contrast):  # type: ignore[no-untyped-def]
         for k in range(3):
             step = cloud[i + 1, k] - cloud[i, k]
             reach += step * step
-            bend = max(bend, abs(step - (cloud[i, k] - cloud[i - 1, k])))
-            bend = max(bend, abs(step - (cloud[i + 2, k] - cloud[i + 1, k])))
+        for j in range(max(i - MARGIN, 1), min(i + MARGIN + 2, n - 1)):
+            if rank[j - 1] == rank[i] and rank[j + 1] == rank[i]:
+                share = 1.0 if i <= j <= i + 1 else 0.5
+                for k in range(3):
+                    turn = cloud[j + 1, k] - 2.0 * cloud[j, k] + cloud[j - 1, k]
+                    bend = max(bend, share * abs(turn))
         distance = np.sqrt(cloud[i, 0] ** 2 + cloud[i, 1] ** 2 + cloud[i, 2] ** 2)
         if bend < 0.04 + 0.004 * distance and reach < (0.05 * distance) ** 2:
             strength[i] = change
