@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lcdata.errors import ArmError
 from lcdata.recording.messages import CameraInfo, JointState
+from lcdata.recording.plain_folder import FILE
 from lcdata.recording.source import Recording
 from lcdata.recording.topics import Topics
 
@@ -110,7 +111,11 @@ def survey(
         all_ns,
         all_positions,
         camera_info,
-        {t: np.array(stamps[t], np.int64) - np.array(bag[t], np.int64) for t in stamps},
+        {
+            topic: np.array(stamps[topic], np.int64) - np.array(bag[topic], np.int64)
+            for topic in stamps
+            if recording.topics[topic].encoding != FILE  # a folder has no recorder
+        },
     )
 
 

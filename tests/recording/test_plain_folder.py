@@ -127,7 +127,7 @@ def test_a_folder_is_a_recording(folder: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(xyz(clouds[0]), POINTS[:, :3])  # type: ignore[arg-type]
     assert [m.stamp_ns - START for m in images] == [1003 * MS, 3003 * MS]
     found = summarise(folder, load_rig(tmp_path / "rig.yaml"))
-    assert found.obstacles == [] and found.problems == []
+    assert found.obstacles == [] and found.problems == [] and found.clocks == []
     assert [pose.pairs for pose in found.poses] == [1, 1]
     assert "joints.csv: 200 samples" in "\n".join(found.lines())
     assert "CALIBRATE" in summarise(folder).rig_yaml
