@@ -33,6 +33,12 @@ SCENARIO = "scenario"
 SUMMARY = "summary"
 PAIR_TEXT = "pair"
 
+BLEND = "blend"
+IMAGE = "image"
+COLOURED = "coloured"
+BLENDED = "blended"
+LANDSCAPE = "landscape"
+
 INITIAL = "initial"
 GROUND_TRUTH = "ground_truth"
 LIMIT = "limit"

@@ -14,7 +14,7 @@ from lcdata.geometry.camera import Camera
 from lcdata.review import colours, names
 from lcdata.review.overlay import clip_segments, project_cloud, project_segments
 from lcdata.review.trials import Trials, matches_of
-from lcdata.review.verdict import banner, verdict
+from lcdata.review.verdict import framed, verdict
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -30,7 +30,6 @@ OVERLAY_CANDIDATES = 40_000
 """Points of a cloud that are projected, of which an overlay takes what it needs."""
 
 JPEG_QUALITY = 85
-FRAME_PX = 4.0
 WHITE = (255, 255, 255)
 
 
@@ -197,20 +196,8 @@ class PairLogger:
 
     def _log_verdict(self, source: str, camera: Camera, text: str, colour: colours.RGB) -> None:
         """A frame around the image that says in words and colour how wrong the extrinsic is."""
-        import rerun as rr
-
-        size = np.array([camera.width, camera.height]) - FRAME_PX
-        self.recording.log(
-            f"{names.OVERLAYS}/{source}/verdict",
-            rr.Boxes2D(
-                mins=[[FRAME_PX / 2, FRAME_PX / 2]],
-                sizes=[size],
-                colors=[colour],
-                radii=rr.Radius.ui_points(2.0),
-                draw_order=40.0,
-            ),
-            rr.Image(banner(text, camera.height), color_model="L", draw_order=50.0),
-        )
+        entity = f"{names.OVERLAYS}/{source}/verdict"
+        self.recording.log(entity, *framed((camera.width, camera.height), text, colour))
 
     def _log_frustum(self, source: str, camera: Camera, T: Array | None) -> None:
         import rerun as rr

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,16 +76,7 @@ def _write(
     thin: int,
     progress: Callable[[str, int, int], None],
 ) -> None:
-    import rerun as rr
-    from rerun.chunk import RrdReader
-
-    name = dataset.path.resolve().name
-    recording = rr.RecordingStream(APPLICATION, recording_id=name)
-    recording.set_log_time_enabled(False)
-    recording.set_log_tick_enabled(False)
-    try:
-        recording.save(path)
-        recording.send_recording_name(name)
+    with recorded(path, dataset.path.resolve().name) as recording:
         _log_whole(recording, dataset, trials)
         is_arm = dataset.rig.ground_truth == "arm"
         depth = FRUSTUM_ARM_M if is_arm else FRUSTUM_STATIC_M
@@ -94,6 +86,29 @@ def _write(
             recording.set_time(names.STAMP, timestamp=np.datetime64(record.stamp_lidar_ns, "ns"))
             logger.log(dataset.load(record.pair_id), dataset.path / record.image)
             progress("review", number + 1, len(dataset.pairs))
+
+
+@contextmanager
+def recorded(path: Path, name: str) -> Iterator[rr.RecordingStream]:
+    """A recording that is written to a file, without times of its own.
+
+    Args:
+        path: File to write.
+        name: Of the recording.
+
+    Raises:
+        ReportError: Rerun could not write all of it.
+    """
+    import rerun as rr
+    from rerun.chunk import RrdReader
+
+    recording = rr.RecordingStream(APPLICATION, recording_id=name)
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    try:
+        recording.save(path)
+        recording.send_recording_name(name)
+        yield recording
         recording.flush()
         recording.disconnect()
         RrdReader(path).store()  # reads the index at the end, which a full disk cuts off

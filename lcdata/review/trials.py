@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.errors import ReportError
 from lcdata.evaluation.results import TrialResult, read_run
 from lcdata.review.colours import RGB
 
@@ -109,6 +110,36 @@ def choose_trials(dataset: Dataset, run: str | None = None) -> Trials:
         stale=len(renewed),
         other_runs=tuple(name for name in paths if name != run),
     )
+
+
+def trials_of_pair(dataset: Dataset, pair_id: str, method: str | None = None) -> Trials:
+    """The last written run that has a trial on a pair.
+
+    Args:
+        dataset: The data set.
+        pair_id: The pair.
+        method: A method that it must be of; None for any.
+
+    Returns:
+        No trials if no method is asked for and none has one.
+
+    Raises:
+        ReportError: No trial of the method, or a results file that cannot be read.
+    """
+    paths = sorted(dataset.result_files(), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+    known: set[str] = set()
+    for path in paths:
+        trials = choose_trials(dataset, path.stem)
+        methods = trials.of_pair(pair_id).keys()
+        if method in methods or (method is None and methods):
+            return trials
+        known |= methods
+    if method is not None:
+        raise ReportError(
+            f"{dataset.path} has no result of {method!r} on {pair_id}",
+            f"there are results of {', '.join(sorted(known)) or 'no method'}",
+        )
+    return Trials()
 
 
 def outcome(trial: TrialResult) -> str:

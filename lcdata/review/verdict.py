@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from lcdata.evaluation.results import TrialResult
     from lcdata.pair import Pair
 
+FRAME_PX = 4.0
 SHARE = 0.07
 """Height of a banner as a share of the image's."""
 
@@ -45,6 +46,28 @@ def verdict(source: str, pair: Pair, shown: dict[str, TrialResult]) -> tuple[str
     if not trial.failed:
         text = f"{text}: {error_text(trial.rotation_error_deg, trial.translation_error_m)}"
     return text, OUTCOME_COLOURS[outcome(trial)]
+
+
+def framed(size: tuple[int, int], text: str, colour: colours.RGB) -> tuple[Any, ...]:
+    """A frame around an image with a banner in its corner, as Rerun's archetypes.
+
+    Args:
+        size: Width and height of the image, pixels.
+        text: Of the banner, ASCII.
+        colour: Of the frame.
+    """
+    import rerun as rr
+
+    return (
+        rr.Boxes2D(
+            mins=[[FRAME_PX / 2, FRAME_PX / 2]],
+            sizes=[np.array(size) - FRAME_PX],
+            colors=[colour],
+            radii=rr.Radius.ui_points(2.0),
+            draw_order=40.0,
+        ),
+        rr.Image(banner(text, size[1]), color_model="L", draw_order=50.0),
+    )
 
 
 def banner(text: str, image_height: int) -> NDArray[np.uint8]:

@@ -58,7 +58,12 @@ def load_arm(rig: Rig) -> Arm:
 
 
 def make(
-    path: Path, *, arm: bool = True, pairs: int = 2, cameras: dict[str, Camera] = CAMERAS
+    path: Path,
+    *,
+    arm: bool = True,
+    pairs: int = 2,
+    cameras: dict[str, Camera] = CAMERAS,
+    fields: np.dtype = LIDAR,
 ) -> Dataset:
     """Scenarios by their cameras with two poses each (without an arm one), `pairs` pairs a pose."""
     rig = Rig.from_dict(RIG if arm else {"ground_truth": "static"})
@@ -68,7 +73,7 @@ def make(
             pose = _pose(f"{scenario}/pose_{p:03}", rig, JOINTS[p], 10**9 * (1 + 100 * s + 10 * p))
             pose_records.append(pose)
             for n in range(pairs):
-                pair_records.append(_write_pair(path, pose, n, cameras[scenario]))
+                pair_records.append(_write_pair(path, pose, n, cameras[scenario], fields))
     info = DatasetInfo(
         rig=rig.to_dict(),
         arm={"model": "gen3_lite", "joint_offsets": OFFSETS} if arm else None,
@@ -117,7 +122,9 @@ def _walls(directions: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.n
     return ranges[np.arange(len(axis)), axis], axis * 2 + side
 
 
-def _write_pair(path: Path, pose: PoseRecord, number: int, camera: Camera) -> PairRecord:
+def _write_pair(
+    path: Path, pose: PoseRecord, number: int, camera: Camera, fields: np.dtype
+) -> PairRecord:
     pair_id = f"{pose.pose_id}/{number:03}"
     azimuth = np.linspace(np.pi, -np.pi, COLUMNS, endpoint=False)
     elevation = np.deg2rad(np.linspace(22.5, -22.5, RINGS))[:, None]
@@ -126,11 +133,12 @@ def _write_pair(path: Path, pose: PoseRecord, number: int, camera: Camera) -> Pa
     )
     rays = np.stack(around, -1).reshape(-1, 3)
     ranges, wall = _walls(rays, np.zeros(3))
-    records = np.zeros(len(rays), LIDAR)
+    records = np.zeros(len(rays), fields)
     for i, name in enumerate("xyz"):
         records[name] = rays[:, i] * ranges
         records[name][number::7] = 0  # no return
-    records["intensity"] = wall * 40 + ranges
+    if "intensity" in fields.names:
+        records["intensity"] = wall * 40 + ranges
     cloud_name, cloud_sha, points = writer.write_cloud(
         path, pair_id, Cloud(0, 0, "lidar", records, RINGS, COLUMNS)
     )
