@@ -1,12 +1,16 @@
 """Hand-eye refinement from recording to refined ground truth, on simulated recordings.
 
     python benchmarks/handeye_recording.py WORK --poses 15
+    python benchmarks/handeye_recording.py WORK --poses 15 --rigs 198
 
 Simulates, builds and calibrates one recording for each scenario and seed into WORK (what is there
 already is used again; some minutes each), then refines both links from the stored estimates and
 from the lines of all poses, and holds the extrinsics against truth.json. True mounts are off the
 rig's by its standard deviations. Encoders are off by 0.02 deg a joint anew at each pose, which no
 refinement of the links can take out: about 0.03 deg and 0.5 mm.
+
+--rigs draws that many hand measurements and encoder errors anew, shared out among the recordings,
+whose estimates and lines stay: whether covariances are honest takes more rigs than can be rendered.
 """
 
 from __future__ import annotations
@@ -24,8 +28,17 @@ import numpy as np
 
 from lcdata.dataset import Dataset, build
 from lcdata.evaluation import run_trials
-from lcdata.evaluation.handeye import refine
+from lcdata.evaluation.handeye import (
+    encoder_covariances,
+    gather,
+    hand_measured,
+    refine,
+    solve_estimates,
+)
+from lcdata.evaluation.handeye_direct import extract, solve_features
 from lcdata.geometry import se3
+from lcdata.groundtruth.handeye import Prior
+from lcdata.groundtruth.handeye_problem import Problem
 from lcdata.simulation import simulate
 
 RECORDINGS = (
@@ -36,6 +49,8 @@ RECORDINGS = (
     ("gym+yard+parking_lot", 7),
     ("gym+yard+parking_lot", 8),
 )
+
+NAMES = ("by hand", "estimates", "direct")
 
 
 def errors(T, true):
@@ -75,11 +90,78 @@ def prepare(folder, scenario, seed, poses):
     return opened, np.array([poses_true[p.pose_id]["T_camera_lidar"] for p in opened.poses])
 
 
+def redraw(dataset, truth, rigs, rng):
+    """Squared error in predicted covariances, and errors, of rigs around one recording."""
+    poses, arm = dataset.poses, dataset.load_arm()
+    estimates, features = gather(dataset, poses, None, None), extract(dataset, poses)
+    encoders = encoder_covariances(dataset, arm, poses)
+    q = np.array([truth["poses"][pose.pose_id]["joint_positions"] for pose in poses])
+    true = np.array([truth["poses"][pose.pose_id]["T_camera_lidar"] for pose in poses])
+    X, Z = np.array(truth["T_camera_effector"]), np.array(truth["T_base_lidar"])
+    measured = hand_measured(dataset)
+    CX, CZ = measured.covariance_camera_effector, measured.covariance_base_lidar
+    std = np.deg2rad(dataset.rig.arm.encoder_std_deg)
+    rows = []
+    for _ in range(rigs):
+        A = se3.inverse(arm.chain().forward(q + rng.normal(size=q.shape) * std))
+        by_hand = [
+            se3.exp(rng.multivariate_normal(np.zeros(6), C)) @ T for C, T in ((CX, X), (CZ, Z))
+        ]
+        prior = Prior(*by_hand, CX, CZ)
+        problem = Problem(A, A, prior)
+        first = solve_estimates(A, estimates, prior, None, encoders)
+        starts = (
+            problem.start(first.T_camera_effector, first.T_base_lidar),
+            problem.start(*by_hand),
+        )
+        row = [(*errors(by_hand[0] @ A @ by_hand[1], true), np.nan)]
+        for found in (first, solve_features(features, problem, encoders, *starts)):
+            T, covariances = found.extrinsic(A), found.extrinsic_covariance(A) + encoders
+            row.append((*errors(T, true), normalised(T, true, covariances)))
+        rows.append(row)
+    return np.array(rows)
+
+
+def many_rigs(work, poses, rigs):
+    """Print what all the rigs of all the recordings come to."""
+    rng, rows = np.random.default_rng(0), []
+    for scenario, seed in RECORDINGS:
+        folder = work / f"{scenario}-{seed}-{poses}"
+        dataset, _ = prepare(folder, scenario, seed, poses)
+        truth = json.loads((folder / "recordings/truth.json").read_text())
+        rows.append(redraw(dataset, truth, rigs // len(RECORDINGS), rng))
+        rms = np.sqrt(np.square(rows[-1]).mean(axis=0))
+        print(
+            f"{scenario:<20} seed {seed}: "
+            + "; ".join(
+                f"{name} {mm:.1f} mm {deg:.3f} deg"
+                + (f" (normalised squared error {nees:.2f})" if np.isfinite(nees) else "")
+                for name, (mm, deg, _), nees in zip(
+                    NAMES, rms, rows[-1][..., 2].mean(axis=0), strict=True
+                )
+            ),
+            flush=True,
+        )
+    rows = np.concatenate(rows)
+    mm, deg = np.sqrt(np.square(rows[..., :2]).mean(axis=0)).T
+    squared = rows[..., 2].mean(axis=0)
+    for k, name in enumerate(NAMES):
+        print(
+            f"{name:<10} RMS over {len(rows)} rigs {mm[k]:5.1f} mm {deg[k]:.3f} deg, of the hand's "
+            f"{mm[k] / mm[0]:.2f} and {deg[k] / deg[0]:.2f}"
+            + (f"; mean normalised squared error {squared[k]:.2f}" if k else "")
+        )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("work", type=Path)
     parser.add_argument("--poses", type=int, default=15)
+    parser.add_argument("--rigs", type=int, default=0)
     options = parser.parse_args()
+    if options.rigs:
+        many_rigs(options.work, options.poses, options.rigs)
+        return
     table = []
     for scenario, seed in RECORDINGS:
         folder = options.work / f"{scenario}-{seed}-{options.poses}"
@@ -99,7 +181,7 @@ def main():
         print(line, flush=True)
         table.append(row)
     mean = np.sqrt(np.square(table).mean(axis=0))
-    for name, (mm, deg) in zip(("by hand", "estimates", "direct"), mean, strict=True):
+    for name, (mm, deg) in zip(NAMES, mean, strict=True):
         third = (mm <= mean[0, 0] / 3, deg <= mean[0, 1] / 3)
         aim = (mm <= 2.0, deg <= 0.05)
         print(
