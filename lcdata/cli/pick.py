@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from typing import Annotated
 
 import typer
@@ -30,16 +32,18 @@ def pick(
 
     The page is for this machine only. `lcdata calibrate --init picks` starts from what it saves.
     """
+    import webbrowser
+    from threading import Thread
+
     from lcdata.dataset import Dataset
     from lcdata.pick import PickServer, Session
 
     session = Session(Dataset.open(dataset), pair)
     with PickServer(session, port) as server:
         typer.echo(f"{server.url}  (Ctrl-C or Done ends it)", err=True)
-        if not no_browser:
-            import webbrowser
-
-            webbrowser.open(server.url)
+        if not no_browser and _has_screen():
+            # In a thread of its own: some browsers return when they are closed.
+            Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
         server.serve()
     if session.saved is None or session.pose is None:
         raise CalibrationError(f"{pair}: nothing was saved", "click Save before Done")
@@ -57,3 +61,10 @@ def pick(
     print(f"{session.saved}: {len(pose.residuals_px)} matches, {pose.rms_px:.1f} px")
     for warning in pose.warnings:
         typer.echo(f"lcdata: note: {warning}", err=True)
+
+
+def _has_screen() -> bool:
+    """Whether a browser would show itself, and not take the terminal, as text browsers do."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))

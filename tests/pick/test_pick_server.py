@@ -138,6 +138,12 @@ def test_a_cloud_without_intensity_is_shown_by_range(tmp_path, browser):
     matches = matches_of(dataset, "run/pose_000/000")
     solved = session.solve(matches.tolist())
     np.testing.assert_allclose(solved["T_camera_lidar"], forward, atol=1e-4)
+
+    # They are work by hand: a new build, of the same files here, leaves them alone.
+    session.save(matches.tolist())
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig | {"note": "another"}))
+    again = build(run, tmp_path / "set", force=True).dataset
+    assert read_picks(again, "run/pose_000/000") is not None
     with PickServer(session) as server:
         threading.Thread(target=server.serve, daemon=True).start()
         browser.open(server.url)
