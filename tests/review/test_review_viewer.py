@@ -5,13 +5,20 @@ from __future__ import annotations
 import socket
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from subprocess import Popen
+from typing import TYPE_CHECKING
 
 import pytest
-from box_room import add_results, make
+from box_room import CLEAN, add_results, make
 
-from lcdata.review import save_review
+from lcdata.review import save_pair_review, save_review
 from lcdata.review.viewer import serve_command, viewer_command
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
 
 NO_DRIVER = "No graphics adapter was found"
 
@@ -29,15 +36,11 @@ def wait_until(condition, seconds: float = 30.0) -> None:
         time.sleep(0.2)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["arm", "static", "no results"])
-def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
+@contextmanager
+def showing(path: Path, capfd: pytest.CaptureFixture[str]) -> Iterator[ViewerClient]:
+    """A viewer that has loaded a file, without complaints when it is left."""
     from rerun.experimental import ViewerClient
 
-    dataset = make(tmp_path / "set", arm=kind != "static", pairs=1)
-    if kind != "no results":
-        add_results(dataset)
-    path = save_review(dataset, tmp_path / "review.rrd")
     client = ViewerClient.spawn(
         headless=True,
         port=free_port(),
@@ -52,6 +55,20 @@ def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
                 pytest.skip("no graphics driver (apt-get install mesa-vulkan-drivers)")
             raise
         wait_until(lambda: not viewer.get_state().loading)
+        yield viewer
+        logged = [entry for entry in viewer.get_logs() if entry.level in {"WARN", "ERROR"}]
+        complaints = [e.message for e in logged if "Software rasterizer" not in e.message]
+        assert not complaints
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["arm", "static", "no results"])
+def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
+    dataset = make(tmp_path / "set", arm=kind != "static", pairs=1)
+    if kind != "no results":
+        add_results(dataset)
+    path = save_review(dataset, tmp_path / "review.rrd")
+    with showing(path, capfd) as viewer:
         for number, record in enumerate(dataset.pairs):
             viewer.set_time("pair", sequence=number, play_state="paused")
             assert viewer.take_screenshot()[:4] == b"\x89PNG"
@@ -59,9 +76,27 @@ def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
             viewer.set_time("stamp", timestamp=record.stamp_lidar_ns * 1e-9, play_state="paused")
             viewer.take_screenshot()
             check(viewer.get_state(), number)
-        logged = [entry for entry in viewer.get_logs() if entry.level in {"WARN", "ERROR"}]
-        complaints = [e.message for e in logged if "Software rasterizer" not in e.message]
-        assert not complaints
+
+
+@pytest.mark.slow
+def test_the_blend_of_one_pair_shows_in_the_viewer(tmp_path, capfd):
+    dataset = make(tmp_path / "set", arm=False, pairs=1, cameras={"lab": CLEAN})
+    path, _ = save_pair_review(dataset, dataset.pairs[0].pair_id, tmp_path / "one.rrd")
+    pictures = []
+    with showing(path, capfd) as viewer:
+        for percent in (0, 100):
+            viewer.set_time("blend", sequence=percent, play_state="paused")
+            viewer.take_screenshot()  # the first may still be of the time before
+            pictures.append(viewer.take_screenshot())
+        views = viewer.get_state().views
+    assert pictures[0] != pictures[1]
+    assert not {view.name: view.reports for view in views if view.reports}
+    assert {view.name for view in views} == {
+        "coloured: ground truth",
+        "blended: ground truth",
+        "NID landscape",
+        "This pair",
+    }
 
 
 def check(state, number: int) -> None:
