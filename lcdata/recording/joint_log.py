@@ -62,7 +62,8 @@ class JointLog:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of joints, or columns in the order of the arm's joints."""
-        return tuple(column.name for column in self.table.joints)
+        # A joint may be called joint_1_s: that is no unit of an angle.
+        return tuple(c.name if c.unit in ANGLES else c.written for c in self.table.joints)
 
     @cached_property
     def unit(self) -> tuple[str, str]:

@@ -30,7 +30,7 @@ STAMPS = ("stamp", "timestamp", "time", "zeit", "t")
 """Names of the stamp's column, without unit."""
 
 UR = re.compile(r"actual_q_?(\d)")
-KUKA = re.compile(r"(?:.*[._ ])?a([1-9])", re.IGNORECASE)
+KUKA = re.compile(r"(?:.*axis.*[._ ])?a([1-9])", re.IGNORECASE)  # not ROS's joint_a1
 
 ANGLES = {"deg": "deg", "°": "deg", "grad": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
 

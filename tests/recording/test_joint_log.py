@@ -308,6 +308,29 @@ def test_degrees_by_rule_that_look_like_radians_are_pointed_out(
     assert shown.joint_log_note in "\n".join(shown.lines())
 
 
+@pytest.mark.parametrize(
+    ("header", "names", "style", "unit"),
+    [
+        ("t [ms];A1;A2;A3", ("A1", "A2", "A3"), "KUKA", "deg"),
+        ("Zeit;$AXIS_ACT.A2;$AXIS_ACT.A1", ("$AXIS_ACT.A1", "$AXIS_ACT.A2"), "KUKA", "deg"),
+        ("time,A1 [rad],A2 [rad]", ("A1", "A2"), "KUKA", "rad"),
+        ("time,joint_a1,joint_a2", ("joint_a1", "joint_a2"), "names", "rad"),
+        ("stamp_ns,joint_1_s,joint_2_l", ("joint_1_s", "joint_2_l"), "names", "rad"),
+        ("stamp,j1_deg,j2_deg", ("j1", "j2"), "names", "deg"),
+        ("timestamp actual_q_1 target_q_0 actual_q_0", ("actual_q_0", "actual_q_1"), "UR", "rad"),
+    ],
+)
+def test_headers_decide(
+    tmp_path: Path, header: str, names: tuple[str, ...], style: str, unit: str
+) -> None:
+    delimiter = next((mark for mark in ";," if mark in header), " ")
+    row = delimiter.join(str(i + 1) for i in range(len(header.split(delimiter))))
+    (tmp_path / "run.joints.csv").write_text(f"{header}\n{row}")
+    log = open_joint_log(tmp_path / "run.bag")
+    assert log is not None
+    assert (log.names, log.table.style, log.unit[0]) == (names, style, unit)
+
+
 def test_nanoseconds_are_exact(tmp_path: Path) -> None:
     stamps = START + np.arange(20_000) * 2 * MS + 1
     rows = [f"{t}" + ",0.25,-0.5,0.125,1.0,0.0,2.0" for t in stamps]
