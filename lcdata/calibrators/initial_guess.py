@@ -27,7 +27,12 @@ MIN_SCORE = 2.5
 frames of a real road together, 1 to 2 of one such frame, which does not determine the answer."""
 
 MIN_LEAD = 1.3
-"""Lowest ratio of its score to that of the best other solution."""
+"""Lowest ratio of its evidence to that of the best other solution; the evidence is the score times
+the agreement of intensities, so that two witnesses are heard."""
+
+FLOOR = 1.0
+"""Agreement of intensities in per cent that counts as none: added, so that of two poses without
+any the edges decide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +46,7 @@ class InitialGuess:
         message: Why not, or what should be known.
         route: "edges" or "matching".
         score: See `lcdata.features.edge_score`; NaN without edges.
-        lead: The score over that of the best other solution.
+        lead: Evidence over that of the best other solution, see `MIN_LEAD`.
         matches: Number of matched points, 0 of the route by edges.
         inliers: Those that agree with the guess.
         seconds: Wall time.
@@ -132,27 +137,34 @@ def _guess(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
 
 
 def _by_edges(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
-    """Search all rotations for edges on lines."""
+    """Search all rotations for edges on lines; intensities are a second witness."""
     from lcdata.features.edge_score import extract_edge_features
+    from lcdata.features.intensity_score import intensity_agreement
     from lcdata.features.pose_search import SearchOptions, search
 
     features = [extract_edge_features(pair) for pair in pairs]
-    found = search(features, SearchOptions(reach_m=options.reach_m, seed=options.seed))
-    score = float(found.scores[0])
-    lead = score / max(float(found.scores[1]), 1e-9) if len(found.scores) > 1 else float("inf")
+
+    def witness(poses: Array) -> Array:
+        agreement = [intensity_agreement(pair, poses) for pair in pairs]
+        return np.asarray(FLOOR + np.mean(agreement, axis=0))
+
+    options_of_search = SearchOptions(reach_m=options.reach_m, seed=options.seed)
+    found = search(features, options_of_search, witness=witness)
+    evidence = np.maximum(found.scores, 0.0) * witness(found.poses)
+    first, *others = np.argsort(-evidence, kind="stable")
+    T, score = found.poses[first], float(found.scores[first])
+    lead = evidence[first] / max(evidence[others[0]], 1e-9) if others else np.inf
     doubts = []
     if score < MIN_SCORE:
         doubts.append(
             f"edges hardly agree with lines (score {score:.1f}, trusted from {MIN_SCORE})"
         )
     if lead < MIN_LEAD:
-        apart = np.rad2deg(se3.rotation_error(found.poses[0], found.poses[1]))
+        apart = np.rad2deg(se3.rotation_error(T, found.poses[others[0]]))
         doubts.append(
-            f"a pose {apart:.0f} deg away fits nearly as well (score {score:.1f} against "
-            f"{found.scores[1]:.1f})"
+            f"a pose {apart:.0f} deg away fits nearly as well (evidence {lead:.2f} times its, "
+            f"trusted from {MIN_LEAD})"
         )
     if doubts:
         doubts.append("give more pairs of other scenes, pick matches, or check it by eye")
-    return InitialGuess(
-        found.poses[0], not doubts, "; ".join(doubts), "edges", score=score, lead=lead
-    )
+    return InitialGuess(T, not doubts, "; ".join(doubts), "edges", score=score, lead=float(lead))

@@ -22,7 +22,7 @@ round."""
 STEPS = 4
 """Gauss-Newton steps a round, each with lines chosen anew."""
 
-POINTS = 3000
+POINTS = 2500
 """Edge points of a cloud that are used."""
 
 SOFT = 0.3

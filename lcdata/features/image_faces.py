@@ -157,12 +157,13 @@ def face_fields(
         height, width = field.table.shape[1:]
         valid = cv2.resize(face.valid.astype(np.uint8), (width, height)) > 0
         box = max(3, round(CLUTTER * focal / field.stride) | 1)
-        share = np.maximum(cv2.blur(valid.astype(float), (box, box)), 1e-6)
+        unit = np.float32(UNIT / 255.0)
+        share = np.maximum(cv2.blur(valid.astype(np.float32), (box, box)), 1e-3)
         table = np.empty((ORIENTATIONS, height, width), np.int8)
         for k, layer in enumerate(field.table):
-            distance = np.where(valid, layer / 255.0, 0.0)
-            gain = cv2.blur(distance, (box, box)) / share - distance
-            table[k] = np.where(valid, np.clip(np.rint(UNIT * gain), -127, 127), NOTHING)
+            distance = np.where(valid, layer, 0).astype(np.float32)
+            gain = unit * (cv2.blur(distance, (box, box)) / share - distance)
+            table[k] = np.where(valid, np.clip(np.rint(gain), -127, 127), NOTHING)
         tables.append(table)
     fx, fy, cx, cy = camera.intrinsics
     cells = np.array([fx, fy, cx + 0.5, cy + 0.5]) / field.stride

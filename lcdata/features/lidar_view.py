@@ -143,12 +143,15 @@ def views_around(
     """
     centre = 0.5 * (size - 1)
     camera = Camera("pinhole", size, size, (focal, focal, centre, centre))
+    rows = np.flatnonzero(usable_points(points))
+    seen = np.asarray(points[rows], float)
+    least = 0.5 * np.linalg.norm(seen, axis=1)  # within 60 degrees
     views = []
     for axis in np.concatenate([np.eye(3), -np.eye(3)]):
-        view = make_view(points, intensity, camera, _upright(axis))
-        if view.measured.any():
-            views.append(view)
-    return views
+        near = seen @ axis > least
+        if near.any():
+            views.append(_rendered(points, intensity, camera, _upright(axis), rows[near]))
+    return [view for view in views if view.measured.any()]
 
 
 def make_view(
@@ -163,7 +166,18 @@ def make_view(
         R_view_lidar: 3x3 its orientation.
     """
     rows = np.flatnonzero(usable_points(points))
-    seen = np.asarray(points, float)[rows]
+    return _rendered(points, intensity, camera, R_view_lidar, rows)
+
+
+def _rendered(
+    points: NDArray[Any],
+    intensity: NDArray[Any] | None,
+    camera: Camera,
+    R_view_lidar: Array,
+    rows: Index,
+) -> LidarView:
+    """The image of some rows of a cloud."""
+    seen = np.asarray(points[rows], float)
     pixels, inside = camera.project(seen @ R_view_lidar.T)
     index = np.full((camera.height, camera.width), -1)
     distance = np.linalg.norm(seen, axis=1)
@@ -173,9 +187,9 @@ def make_view(
     index = fill_holes(index, reach)
     shown = index >= 0
     if intensity is None:
-        values = np.linalg.norm(np.asarray(points, float)[np.maximum(index, 0)], axis=-1)
+        values = np.linalg.norm(points[np.maximum(index, 0)], axis=-1)
     else:
-        values = np.asarray(intensity, float)[np.maximum(index, 0)]
+        values = intensity[np.maximum(index, 0)]
     return LidarView(camera, R_view_lidar, index, measured, equalised(values, shown))
 
 
@@ -226,7 +240,7 @@ def closed(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 def equalised(values: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Histogram equalisation by rank: (H, W) uint8, 1..255 where `mask`, else 0."""
     result = np.zeros(mask.shape, np.uint8)
-    chosen = np.nan_to_num(values[mask])
+    chosen = np.nan_to_num(np.asarray(values[mask], float))
     if len(chosen):
         ordered = np.sort(chosen)
         rank = np.searchsorted(ordered, chosen, "left") + np.searchsorted(ordered, chosen, "right")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from lcdata.features.edge_score import NEAR, EdgeFeatures, scores
 
 Array = NDArray[np.float64]
 
-MODE_DEG = 5.0
+MODE_DEG = 8.0
 """Poses whose rotations differ by less are one solution."""
 
 
@@ -52,31 +52,32 @@ class SearchOptions:
         seed: Of all chance.
     """
 
-    rotations: int = 150_000
+    rotations: int = 100_000
     translation_m: float = 0.25
     reach_m: float = 1.0
     seed: int = 0
 
 
-FIRST = Stage(0.1, 800, 0.0, 0.0, 400, 0, 400)
+GLANCE = Stage(0.1, 300, 0.0, 0.0, 12_000, 0, 12_000)
+FIRST = Stage(0.1, 1000, 0.0, 0.0, 400, 0, 400)
 GLOBAL = (
     Stage(0.1, 1000, 2.5, 0.30, 200, 20, 200),
     Stage(0.06, 1200, 1.6, 0.20, 150, 30, 60),
     Stage(0.06, 1500, 1.0, 0.15, 100, 30, 30),
-    Stage(0.02, 2000, 0.6, 0.10, 80, 30, 15),
-    Stage(0.02, 2000, 0.4, 0.07, 60, 30, 6),
+    Stage(0.02, 2000, 0.6, 0.10, 100, 30, 25),
+    Stage(0.02, 2000, 0.4, 0.07, 80, 30, 20),
 )
 LOCAL = (
-    Stage(0.06, 2000, 1.0, 0.25, 40, 60, 1),
+    Stage(0.06, 2000, 0.8, 0.25, 40, 1500, 1),
     Stage(0.02, 2500, 0.6, 0.15, 40, 30, 1),
     Stage(0.02, 2500, 0.4, 0.10, 40, 30, 1),
     Stage(0.02, 3000, 0.25, 0.06, 40, 30, 1),
     Stage(0.008, 4000, 0.15, 0.04, 40, 30, 1),
-    Stage(0.008, 4000, 0.10, 0.02, 4, 30, 1),
+    Stage(0.008, 4000, 0.10, 0.02, 2, 30, 1),
 )
-LAST = Stage(0.008, 6000, 0.0, 0.0, 4, 0, 4)
+LAST = Stage(0.008, 6000, 0.0, 0.0, 6, 0, 6)
 
-EXPLORED = 4
+EXPLORED = 6
 """Solutions of the global search that are searched locally."""
 
 
@@ -94,7 +95,10 @@ class Found:
 
 
 def search(
-    pairs: Sequence[EdgeFeatures], options: SearchOptions, hypotheses: Array | None = None
+    pairs: Sequence[EdgeFeatures],
+    options: SearchOptions,
+    hypotheses: Array | None = None,
+    witness: Callable[[Array], Array] | None = None,
 ) -> Found:
     """Find the poses that explain all pairs best.
 
@@ -102,6 +106,8 @@ def search(
         pairs: Features of pairs with the same extrinsic.
         options: How widely and finely to search.
         hypotheses: (H, 4, 4) poses that others propose, to be tried as well.
+        witness: Gives (P, 4, 4) poses (P,) factors above 0, by which their scores are multiplied
+            where it is decided which solutions are searched locally.
     """
     rng = np.random.default_rng(options.seed)
     poses = np.tile(np.eye(4), (options.rotations, 1, 1))
@@ -109,10 +115,15 @@ def search(
     poses[:, :3, 3] = rng.normal(scale=options.translation_m, size=(len(poses), 3))
     poses = np.concatenate([np.zeros((0, 4, 4)) if hypotheses is None else hypotheses, poses])
     poses[:, :3, 3] = np.clip(poses[:, :3, 3], -options.reach_m, options.reach_m)
+    promising = np.argsort(-_scores(pairs, poses, GLANCE), kind="stable")[: GLANCE.keep]
+    poses = poses[promising]
     values = _scores(pairs, poses, FIRST)
-    poses = poses[_different(poses, values, FIRST, 0.5 * MODE_DEG)]
+    poses = poses[_different(poses, values, FIRST, 2.5)]
     poses = _shrinking(pairs, poses, GLOBAL, options, rng)
-    heads = poses[_different(poses, np.arange(len(poses), 0.0, -1.0), LAST, MODE_DEG)]
+    values = np.maximum(_scores(pairs, poses, GLOBAL[-1]), 0.0)
+    if witness is not None:
+        values = values * witness(poses)
+    heads = poses[_different(poses, values, LAST, MODE_DEG)]
     found = np.concatenate(
         [_shrinking(pairs, T[None], LOCAL, options, rng) for T in heads[:EXPLORED]]
     )
