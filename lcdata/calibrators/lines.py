@@ -7,7 +7,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,8 @@ class LineCalibrator(Calibrator):
         max_translation_sigma_m: The same of the translation, metres.
         seed: Seed of the search's random numbers.
     """
+
+    version: ClassVar[int] = 2
 
     search_rotation_deg: float = 10.0
     search_translation_m: float = 0.7
