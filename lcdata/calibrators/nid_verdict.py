@@ -77,11 +77,12 @@ def judge(
     """
     doubts = []
     undetermined = []
-    covariance = sandwich(last, found.T)
-    if covariance is None:
+    gaussian = sandwich(last, found.T)
+    if gaussian is None:
         covariance = np.full((6, 6), np.nan)
         undetermined.append("the cost is not curved in every direction")
     else:
+        covariance = gaussian[0]
         sigma = np.sqrt(np.diag(covariance))
         metres = float(np.linalg.norm(sigma[:3]))
         degrees = float(np.rad2deg(np.linalg.norm(sigma[3:])))
@@ -108,11 +109,15 @@ def judge(
     return covariance, undetermined, doubts
 
 
-def sandwich(last: Objective, T: Array) -> Array | None:
-    """6x6 covariance H^-1 (sum g g^T) H^-1 of a minimum; None where it is none.
+def sandwich(last: Objective, T: Array) -> tuple[Array, Array] | None:
+    """A minimum as a Gaussian: 6x6 covariance H^-1 (sum g g^T) H^-1, and how far it is from T.
 
     H is the Hessian of the cost, g the gradient's share of one part of one image: neighbouring
     points are wrong together, parts of the image are not (White 1982, clustered).
+
+    Returns:
+        The covariance and the (6,) Newton step from T to the minimum, both of a left
+        perturbation; None where the cost is not curved upwards in every direction.
     """
     for scale in (1.0, 0.5, 2.0):
         H = _curvature(last, T, scale * PROBE)
@@ -123,7 +128,7 @@ def sandwich(last: Objective, T: Array) -> Array | None:
     shares = last.soft(T)[1]
     inverse = np.linalg.inv(H)
     covariance = INFLATION * inverse @ (shares.T @ shares) @ inverse
-    return np.asarray(0.5 * (covariance + covariance.T))
+    return np.asarray(0.5 * (covariance + covariance.T)), np.asarray(-inverse @ shares.sum(0))
 
 
 def _curvature(last: Objective, T: Array, spread: Array, probes: int = 32) -> Array | None:

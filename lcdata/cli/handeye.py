@@ -23,8 +23,12 @@ def handeye(
     run: Annotated[str | None, typer.Option(help="Run of stored results; default: all.")] = None,
     direct: Annotated[
         bool,
-        typer.Option("--direct", help="Solve with the lines of all poses in one problem."),
+        typer.Option("--direct", help="Solve with the features of all poses in one problem."),
     ] = False,
+    features: Annotated[
+        str,
+        typer.Option(help="What --direct uses: lines, or intensities as nid or nid_edge do."),
+    ] = "lines",
     joint_offsets: Annotated[
         bool, typer.Option("--joint-offsets", help="Solve for the joints' zero points too.")
     ] = False,
@@ -61,6 +65,7 @@ def handeye(
             joint_offsets=joint_offsets,
             clock_offset=clock_offset,
             direct=direct,
+            features=features,
             progress=progress,
         )
     content = describe(refinement)

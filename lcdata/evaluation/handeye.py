@@ -56,6 +56,7 @@ def refine(
     joint_offsets: bool = False,
     clock_offset: bool = False,
     direct: bool = False,
+    features: str = "lines",
     progress: Progress | None = None,
 ) -> Refinement:
     """Both hand-measured links of a data set, refined.
@@ -70,6 +71,7 @@ def refine(
             dwells can tell: not at all, which the refinement then says.
         direct: Go on from the estimates to the lines of all pairs in one problem. Without any
             stored results that starts from the hand measurement.
+        features: What of the pairs `direct` uses: lines, or intensities by nid or nid_edge.
         progress: Called with stage, pairs done and pairs in all.
 
     Raises:
@@ -93,6 +95,17 @@ def refine(
     joints = _joints(dataset, arm, poses) if joint_offsets or together else None
     estimates = gather(dataset, poses, method, run)
     asked = (still_clock(poses),) if clock_offset else ()
+    if direct and features != "lines":
+        from lcdata.evaluation.handeye_nid import METHODS, refine_nid
+
+        if features not in METHODS:
+            raise GroundTruthError(
+                f"no hand-eye from {features!r}", f"use lines, {' or '.join(METHODS)}"
+            )
+        found = refine_nid(
+            dataset, poses, A, features, estimates, prior, joints, encoders, progress
+        )
+        return Refinement(dataset, features, arm, poses, found, asked)
     if direct:
         from lcdata.evaluation.handeye_direct import solve_lines
 

@@ -13,13 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.calibrators.nid_verdict import sandwich
+from lcdata.dataset import Dataset
+from lcdata.dataset.schema import PoseRecord
 from lcdata.errors import CalibrationError, GroundTruthError
-from lcdata.features.nid_objective import NidFeatures, Objective, objective
+from lcdata.evaluation.handeye import Estimates, Progress, solve_estimates
+from lcdata.features.nid_objective import NidFeatures, Objective, nid_features, objective
 from lcdata.geometry import se3
+from lcdata.groundtruth.handeye import HandEye, Joints, Prior
 from lcdata.groundtruth.observability import observability
 from lcdata.pair import Pair
 
 Array = NDArray[np.float64]
+
+METHODS = {"nid": False, "nid_edge": True}
+"""What `lcdata handeye --direct --features` calls them, and whether edges count."""
 
 UNIT = np.tile(np.repeat([0.01, np.deg2rad(0.1)], 3), 2)
 """Metres and radians that matter alike: the minimiser works in these units."""
@@ -29,6 +37,9 @@ SETTLED = 0.05
 
 FEWEST_POINTS = 300
 """Points in view below which a pose says nothing."""
+
+FARTHEST = 5.0
+"""A pose whose own minimum seems farther from the common one, in `UNIT`, is not near it at all."""
 
 MOST_POINTS = 20_000
 """Points of a pose; more are thinned out."""
@@ -87,8 +98,6 @@ def solve_nid(
         GroundTruthError: Fewer than two poses with points in view.
         CalibrationError: Pairs without intensities, or not as many poses as arm positions.
     """
-    from lcdata.features.nid_objective import nid_features
-
     if len(pairs) != len(A):
         raise CalibrationError(f"{len(pairs)} poses of pairs, {len(A)} of the arm", "give as many")
     features = prepared or [[nid_features(p, with_edges) for p in pose] for pose in pairs]
@@ -165,3 +174,49 @@ def _minimise(
         options={"maxiter": 60, "ftol": 1e-8, "gtol": 1e-7},
     )
     return np.asarray(found.x * UNIT)
+
+
+def refine_nid(
+    dataset: Dataset,
+    poses: Sequence[PoseRecord],
+    A: Array,
+    method: str,
+    estimates: Estimates | None,
+    prior: Prior | None,
+    joints: Joints | None,
+    encoders: Array,
+    progress: Progress | None = None,
+) -> HandEye:
+    """Both links of a data set from the intensities of one pair a pose.
+
+    First all poses in one problem, links alone; then what each pose's own cost says about its
+    extrinsic there, a Gaussian, is weighed with the priors and the encoders' noise. Scans of one
+    pose show the same scene, so one pair stands for all. See `evaluation.handeye.refine`.
+    """
+    if estimates is not None and estimates.found >= (2 if prior else 3):
+        first = solve_estimates(A, estimates, prior, joints, encoders)
+        X, Z = first.T_camera_effector, first.T_base_lidar
+    elif prior is not None:
+        X, Z = prior.T_camera_effector, prior.T_base_lidar
+    else:
+        raise GroundTruthError(
+            f"{dataset.path} has neither stored estimates nor standard deviations of its links",
+            "run `lcdata calibrate`, or give the rig's links standard deviations",
+        )
+    with_edges = METHODS[method]
+    names: dict[str, str] = {}
+    for record in dataset.pairs:
+        names.setdefault(record.pose_id, record.pair_id)
+    pairs = [[dataset.load(names[p.pose_id])] if p.pose_id in names else [] for p in poses]
+    features = []
+    for i, pose in enumerate(pairs):
+        features.append([nid_features(pair, with_edges) for pair in pose])
+        if progress:
+            progress("intensities", i + 1, len(pairs))
+    found = solve_nid(pairs, A, X, Z, with_edges=with_edges, prepared=features)
+    T, covariances = np.full((len(A), 4, 4), np.nan), np.full((len(A), 6, 6), np.nan)
+    for i, cost in enumerate(_objectives(features, found.extrinsics, with_edges)):
+        gaussian = sandwich(cost, found.extrinsics[i]) if cost is not None else None
+        if gaussian is not None and np.abs(gaussian[1] / UNIT[:6]).max() < FARTHEST:
+            covariances[i], T[i] = gaussian[0], se3.exp(gaussian[1]) @ found.extrinsics[i]
+    return solve_estimates(A, Estimates(method, T, covariances), prior, joints, encoders)

@@ -54,3 +54,24 @@ def test_poses_that_see_nothing_are_left_out_or_refused(tower):
         solve_nid(pairs[:2], away[:2], X, Z)
     with pytest.raises(CalibrationError, match="5 poses of pairs, 2 of the arm"):
         solve_nid(pairs, A[:2], X, Z)
+
+
+@pytest.mark.slow
+def test_a_data_set_refined_from_its_intensities(sample_recordings, tmp_path):
+    """Simulated recordings, whose true mounts are known."""
+    import json
+
+    from lcdata.dataset import Dataset
+    from lcdata.dataset.build import build
+    from lcdata.evaluation.handeye import refine
+
+    build(sample_recordings / "yard", tmp_path / "set", sample_recordings / "rig.yaml")
+    dataset = Dataset.open(tmp_path / "set")
+    truth = json.loads((sample_recordings / "truth.json").read_text())
+    found = refine(dataset, direct=True, features="nid").found
+    for link in ("T_camera_effector", "T_base_lidar"):
+        true, measured = np.array(truth[link]), getattr(dataset.rig, link).T
+        before, after = (se3.rotation_error(T, true) for T in (measured, getattr(found, link)))
+        assert after < max(before, np.deg2rad(0.1))
+    with pytest.raises(GroundTruthError, match="no hand-eye from 'edges'"):
+        refine(dataset, direct=True, features="edges")
