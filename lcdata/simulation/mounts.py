@@ -41,10 +41,24 @@ T_base_lidar:
 """What somebody with a ruler and a level wrote down about the simulated tower."""
 
 
-def default_rig(joint_offset_std_deg: float = 0.0) -> Rig:
-    """The simulated tower as measured by hand, and how far its joints' zero points may be off."""
+def default_rig(
+    joint_offset_std_deg: float = 0.0, lidar: str = "os1_128", camera: str = "zed2i"
+) -> Rig:
+    """The simulated tower as measured by hand.
+
+    Args:
+        joint_offset_std_deg: How far its joints' zero points may be off.
+        lidar: What stands on it; an avia's scans are to be merged.
+        camera: What the arm carries.
+    """
     content = yaml.safe_load(RIG)
     content["arm"]["joint_offset_std_deg"] = joint_offset_std_deg
+    if (lidar, camera) != ("os1_128", "zed2i"):
+        content["note"] = (
+            f"Simulated tower with an {lidar} LiDAR, a {camera} camera and a Kinova Gen3 lite."
+        )
+    if lidar == "avia":
+        content["integration"] = "static"
     return Rig.from_dict(content, "the simulator's rig")
 
 

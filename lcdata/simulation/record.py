@@ -115,9 +115,11 @@ def simulate(
     for label, number in (("poses", poses), ("pairs", pairs)):
         if number < 1:
             raise SimulationError(f"{number} {label}", "simulate 1 or more")
-    measured = (
-        rig if isinstance(rig, Rig) else load_rig(rig) if rig else default_rig(joint_offset_std_deg)
-    )
+    if rig is None:
+        kind = camera if isinstance(camera, str) else camera.model
+        measured = default_rig(joint_offset_std_deg, lidar, kind)
+    else:
+        measured = rig if isinstance(rig, Rig) else load_rig(rig)
     paths = [bag_path(out, name, format) for name in names]
     for name in names:
         for other in FORMATS:
