@@ -2,7 +2,14 @@
 
     lcdata build recordings/ && python docs/images/make_images.py dataset
 
-The picture of the review needs a graphics driver (on a machine without one: mesa-vulkan-drivers),
+and that of one pair from a simulated one, of a LiDAR whose scans are merged:
+
+    lcdata simulate avia --lidar avia --scenario gym --poses 1 --pairs 15 --seed 5
+    echo "integration: static" >> avia/rig.yaml
+    lcdata build avia -o dense --methods nid --init-rotation 1 --init-translation 0.1
+    python docs/images/make_images.py dataset dense
+
+The pictures of reviews need a graphics driver (on a machine without one: mesa-vulkan-drivers),
 that of the page for picking matches needs Chromium.
 """
 
@@ -24,6 +31,7 @@ from lcdata.evaluation import read_results
 from lcdata.geometry import se3
 from lcdata.pick import PickServer, Session
 from lcdata.report import draw_overlay
+from lcdata.review import save_pair_review
 from lcdata.review.viewer import viewer_command
 
 HERE = Path(__file__).parent
@@ -61,16 +69,29 @@ def overlay(dataset: Dataset) -> None:
 def review(dataset: Dataset) -> None:
     """The review in Rerun's viewer at the same pair."""
     number = [p.pair_id for p in dataset.pairs].index(PAIR)
+    viewer_picture(dataset.path / "review.rrd", "pair", number, HERE / "review.jpg")
+
+
+def review_pair(dataset: Dataset) -> None:
+    """The review of one pair, blended half and half."""
+    with tempfile.TemporaryDirectory() as folder:
+        pair_id = dataset.pairs[0].pair_id
+        path, _ = save_pair_review(dataset, pair_id, Path(folder) / "pair.rrd", method="nid")
+        viewer_picture(path, "blend", 50, HERE / "review-pair.jpg", quality=80)
+
+
+def viewer_picture(path: Path, timeline: str, time_: int, out: Path, quality: int = 88) -> None:
+    """What Rerun's viewer shows of a recording at a time."""
     with ViewerClient.spawn(
         headless=True, port=9931, hide_welcome_screen=True, executable_path=viewer_command()
     ) as viewer:
-        viewer.open(f"file://{(dataset.path / 'review.rrd').resolve()}")
+        viewer.open(f"file://{path.resolve()}")
         time.sleep(4)
-        viewer.set_time("pair", sequence=number, play_state="paused")
+        viewer.set_time(timeline, sequence=time_, play_state="paused")
         time.sleep(4)
         png = np.frombuffer(viewer.take_screenshot(), np.uint8)
     picture = cv2.resize(cv2.imdecode(png, 1), (1600, 900), interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(HERE / "review.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 88])
+    cv2.imwrite(str(out), picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
 def pick(dataset: Dataset) -> None:
@@ -102,3 +123,5 @@ if __name__ == "__main__":
     pick(opened)
     overlay(opened)
     review(opened)
+    if len(sys.argv) > 2:
+        review_pair(Dataset.open(Path(sys.argv[2])))

@@ -95,7 +95,7 @@ class Blending:
         rgb = np.tile(np.array(UNSEEN, np.uint8), (len(self.points), 1))
         columns, rows = np.rint(pixels).astype(int).T
         picked = self.image[rows, columns]
-        rgb[index] = picked.reshape(len(index), -1)
+        rgb[index] = picked if picked.ndim == 2 else picked[:, None]
         return rgb
 
     def picture(self, T_camera_lidar: Array) -> Bytes:
@@ -106,6 +106,8 @@ class Blending:
         from lcdata.features.lidar_view import make_view
 
         index, _ = self.seen(T_camera_lidar)
+        if not len(index):
+            return np.zeros((self.camera.height, self.camera.width, 4), np.uint8)
         in_camera = se3.apply(T_camera_lidar, self.points[index])
         view = make_view(in_camera, self.values[index], self.camera, np.eye(3))
         shown = (255 * (view.index >= 0)).astype(np.uint8)

@@ -168,3 +168,15 @@ def test_a_grey_image_gives_grey_points(dataset):
     grey = Blending(replace(pair, image=np.ascontiguousarray(pair.image[..., 0])))
     seen, _ = grey.seen(pair.T_camera_lidar)
     assert np.ptp(grey.colours(pair.T_camera_lidar)[seen], axis=1).max() == 0
+
+
+def test_a_pose_that_sees_nothing_and_an_empty_cloud_leave_the_image(dataset):
+    pair = dataset.load(dataset.pairs[0].pair_id)
+    T = pair.T_camera_lidar
+    empty = replace(pair, points=pair.points[:0], intensity=pair.intensity[:0], organised=None)
+    empty = replace(empty, ring=None)
+    away = np.eye(4)
+    away[:3, 3] = 50, 0, -9
+    for blending, pose in ((Blending(pair), away @ T), (Blending(empty), T)):
+        assert not blending.picture(pose).any()
+        assert len(np.unique(blending.colours(pose), axis=0)) <= 1
