@@ -151,6 +151,8 @@ class Merger:
         by_image: dict[int, _Run] | None = None,
     ) -> Iterator[_Run]:
         """Each run, as soon as all of its scans have been used and its image is there."""
+        if not runs:
+            return
         for run in runs:
             run.wait()
         by_scan = {stamp: run for run in runs for stamp in run.waiting}
