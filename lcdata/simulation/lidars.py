@@ -68,8 +68,6 @@ LIDARS: dict[str, Callable[[int | None, float | None], Lidar]] = {
 }
 """Makers of the models, from columns and azimuth window."""
 
-_OTHER_NAMES = {"os0_128": "os1_128"}
-
 
 def make_lidar(
     name: str, columns: int | None = None, azimuth_window_deg: float | None = None
@@ -84,7 +82,7 @@ def make_lidar(
     Raises:
         SimulationError: Unknown name, or a choice that it does not have.
     """
-    make = LIDARS.get(_OTHER_NAMES.get(name, name))
+    make = LIDARS.get(name)
     if make is None:
         raise SimulationError(f"unknown LiDAR {name!r}", f"choose from {', '.join(LIDARS)}")
     if columns is not None and columns not in COLUMNS:
