@@ -35,6 +35,10 @@ FLOOR = 1.0
 any the edges decide."""
 
 
+UPRIGHT = 1.3
+"""Factor on the evidence of poses in which neither sensor is upside down against the other."""
+
+
 @dataclass(frozen=True, eq=False)
 class InitialGuess:
     """A guess of the extrinsic.
@@ -75,6 +79,8 @@ class GuessOptions:
         matcher: Name of the matcher, see `lcdata.features.image_matching`.
         rotate_camera: Turn the camera's image by so many degrees before matching: 0, 90, 180, 270.
         rotate_lidar: The same of the LiDAR's image.
+        upright: Factor on the evidence of poses in which the LiDAR's z axis points up in the image
+            (within 60 degrees): 1 for no such belief. It decides near ties only.
         reach_m: Largest translation along each axis that is searched, metres.
         seed: Of all chance.
 
@@ -86,6 +92,7 @@ class GuessOptions:
     matcher: str = "classical"
     rotate_camera: int = 0
     rotate_lidar: int = 0
+    upright: float = UPRIGHT
     reach_m: float = 1.0
     seed: int = 0
 
@@ -146,7 +153,9 @@ def _by_edges(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
 
     def witness(poses: Array) -> Array:
         agreement = [intensity_agreement(pair, poses) for pair in pairs]
-        return np.asarray(FLOOR + np.mean(agreement, axis=0))
+        down = -poses[:, 1, 2]  # the LiDAR's -z along the camera's y
+        belief = np.where(down > 0.5, options.upright, 1.0)
+        return np.asarray(belief * (FLOOR + np.mean(agreement, axis=0)))
 
     options_of_search = SearchOptions(reach_m=options.reach_m, seed=options.seed)
     found = search(features, options_of_search, witness=witness)

@@ -60,7 +60,7 @@ def create(name: str, **parameters: Any) -> Calibrator:
 
 def calibrate(
     pairs: Sequence[Pair] | Pair,
-    initial: ArrayLike | None,
+    initial: ArrayLike | str | None,
     method: str = "plk",
     **parameters: Any,
 ) -> Calibration:
@@ -69,7 +69,7 @@ def calibrate(
     Args:
         pairs: One pair, or several with the same extrinsic, which are solved jointly.
         initial: 4x4 initial guess of `T_camera_lidar` (LiDAR points to camera points); None for
-            methods that need none.
+            methods that need none; "auto" to guess it from the pairs (`initial_guess.guess`).
         method: One of `lcdata.calibrators.available()`.
         **parameters: The method's own parameters.
 
@@ -89,12 +89,31 @@ def calibrate(
                 f"cannot calibrate {type(pair).__name__} {str(pair)[:40]!r}", "give lcdata.Pair"
             )
     calibrator = create(method, **parameters)
+    if isinstance(initial, str):
+        return _from_nothing(calibrator, pairs, initial)
     if initial is None:
         if calibrator.needs_initial:
             raise CalibrationError(
-                f"method {method!r} needs an initial guess", "give a 4x4 T_camera_lidar"
+                f"method {method!r} needs an initial guess",
+                "give a 4x4 T_camera_lidar, or 'auto'",
             )
         return calibrator.calibrate(pairs, None)
     return calibrator.calibrate(
         pairs, np.asarray(check_transform(initial, "initial T_camera_lidar"))
     )
+
+
+def _from_nothing(calibrator: Calibrator, pairs: Sequence[Pair], initial: str) -> Calibration:
+    """An estimate from an automatic guess; doubts about the guess are doubts about the estimate."""
+    from lcdata.calibrators.initial_guess import guess
+
+    if initial != "auto":
+        raise CalibrationError(f"no initial guess {initial!r}", "give a 4x4 matrix or 'auto'")
+    found = guess(pairs)
+    result = calibrator.calibrate(pairs, found.T_camera_lidar)
+    seconds = result.seconds + found.seconds
+    if found.converged:
+        return dataclasses.replace(result, seconds=seconds)
+    doubt = f"initial guess not to be trusted: {found.message}"
+    message = "; ".join(part for part in (result.message, doubt) if part)
+    return dataclasses.replace(result, converged=False, message=message, seconds=seconds)

@@ -41,8 +41,8 @@ def calibrate(
     init: Annotated[
         str,
         typer.Option(
-            help="Where to start: the ground truth with that error (truth), picks (`lcdata pick`), "
-            "or a CSV of matches u,v,x,y,z."
+            help="Where to start: the ground truth with that error (truth), a guess from the pair "
+            "alone (auto), picks (`lcdata pick`), or a CSV of matches u,v,x,y,z."
         ),
     ] = "truth",
     trials: Trials = 1,
@@ -57,15 +57,26 @@ def calibrate(
     """Run methods from perturbed initial guesses, or from given ones, and store the results."""
     from lcdata.dataset import Dataset
     from lcdata.evaluation import run_trials, summary_lines
+    from lcdata.evaluation.automatic import automatic_guesses
     from lcdata.evaluation.given import given_guesses
 
     opened = Dataset.open(dataset)
     source, initial = "", None
-    if init != "truth":
+    group = "pose" if joint else "pair"
+    if init == "auto":
+        with progress_bar(quiet=as_json) as progress:
+            found = automatic_guesses(
+                opened, group=group, jobs=jobs, force=force, progress=progress
+            )
+        source, initial = init, found.initial
+        for note in found.notes:
+            typer.echo(f"lcdata: note: {note}", err=True)
+    elif init != "truth":
         source, initial = given_guesses(opened, init)
-        if left_out := len({pair.pair_id for pair in opened.pairs} - initial.keys()):
-            pairs = counted(left_out, "pair")
-            typer.echo(f"lcdata: note: {pairs} without an initial guess left out", err=True)
+    given = {pair.pair_id for pair in opened.pairs} if initial is None else initial.keys()
+    if left_out := len({pair.pair_id for pair in opened.pairs} - given):
+        pairs = counted(left_out, "pair")
+        typer.echo(f"lcdata: note: {pairs} without an initial guess left out", err=True)
     with progress_bar(quiet=as_json) as progress:
         results = run_trials(
             opened,
@@ -76,7 +87,7 @@ def calibrate(
             source=source,
             trials=1 if initial else trials,
             seed=seed,
-            group="pose" if joint else "pair",
+            group=group,
             jobs=jobs,
             force=force,
             progress=progress,

@@ -14,7 +14,7 @@ from lcdata.features.edge_score import NEAR, EdgeFeatures, scores
 
 Array = NDArray[np.float64]
 
-MODE_DEG = 8.0
+MODE_DEG = 12.0
 """Poses whose rotations differ by less are one solution."""
 
 
@@ -63,22 +63,23 @@ FIRST = Stage(0.1, 1000, 0.0, 0.0, 400, 0, 400)
 GLOBAL = (
     Stage(0.1, 1000, 2.5, 0.30, 200, 20, 200),
     Stage(0.06, 1200, 1.6, 0.20, 150, 30, 60),
-    Stage(0.06, 1500, 1.0, 0.15, 100, 30, 30),
-    Stage(0.02, 2000, 0.6, 0.10, 100, 30, 25),
-    Stage(0.02, 2000, 0.4, 0.07, 80, 30, 20),
+    Stage(0.06, 1500, 1.0, 0.15, 120, 30, 60),
 )
-LOCAL = (
-    Stage(0.06, 2000, 0.8, 0.25, 40, 1500, 1),
-    Stage(0.02, 2500, 0.6, 0.15, 40, 30, 1),
+NEARER = (
+    Stage(0.06, 2000, 0.8, 0.25, 40, 1000, 1),
+    Stage(0.02, 2000, 0.6, 0.15, 40, 30, 1),
     Stage(0.02, 2500, 0.4, 0.10, 40, 30, 1),
+)
+NEAREST = (
     Stage(0.02, 3000, 0.25, 0.06, 40, 30, 1),
     Stage(0.008, 4000, 0.15, 0.04, 40, 30, 1),
     Stage(0.008, 4000, 0.10, 0.02, 2, 30, 1),
 )
-LAST = Stage(0.008, 6000, 0.0, 0.0, 6, 0, 6)
+"""First all solutions together, then a number of them each by itself, then the best of those."""
 
-EXPLORED = 6
-"""Solutions of the global search that are searched locally."""
+EXPLORED = Stage(0.06, 3000, 0.0, 0.0, 12, 0, 12)
+KEPT = Stage(0.02, 4000, 0.0, 0.0, 5, 0, 5)
+LAST = Stage(0.008, 6000, 0.0, 0.0, 6, 0, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +110,11 @@ def search(
         witness: Gives (P, 4, 4) poses (P,) factors above 0, by which their scores are multiplied
             where it is decided which solutions are searched locally.
     """
+
+    def believed(some: Array, stage: Stage) -> Array:
+        values = np.maximum(_scores(pairs, some, stage), 0.0)
+        return np.asarray(values if witness is None else values * witness(some))
+
     rng = np.random.default_rng(options.seed)
     poses = np.tile(np.eye(4), (options.rotations, 1, 1))
     poses[:, :3, :3] = even_rotations(options.rotations)
@@ -120,18 +126,26 @@ def search(
     values = _scores(pairs, poses, FIRST)
     poses = poses[_different(poses, values, FIRST, 2.5)]
     poses = _shrinking(pairs, poses, GLOBAL, options, rng)
-    values = np.maximum(_scores(pairs, poses, GLOBAL[-1]), 0.0)
-    if witness is not None:
-        values = values * witness(poses)
-    heads = poses[_different(poses, values, LAST, MODE_DEG)]
-    found = np.concatenate(
-        [_shrinking(pairs, T[None], LOCAL, options, rng) for T in heads[:EXPLORED]]
-    )
-    images, clouds = [pair.lines for pair in pairs], [pair.cloud for pair in pairs]
-    found = np.concatenate([found, [register(images, clouds, T) for T in found]])
-    values = _scores(pairs, found, LAST)
-    chosen = _different(found, values, LAST, MODE_DEG)
+    heads = poses[_different(poses, believed(poses, EXPLORED), EXPLORED, MODE_DEG, MODE_DEG)]
+    groups = [_shrinking(pairs, T[None], NEARER, options, rng) for T in heads]
+    first = np.stack([group[0] for group in groups])
+    best = _different(first, believed(first, KEPT), KEPT, MODE_DEG, MODE_DEG)
+    found = np.concatenate([_shrinking(pairs, groups[k], NEAREST, options, rng) for k in best])
+    found, values = _registered(pairs, found)
+    # Chance may leave a solution on the slope beside its top: the best is searched once more.
+    top = found[np.argmax(values if witness is None else np.maximum(values, 0) * witness(found))]
+    again = _shrinking(pairs, top[None], NEARER + NEAREST, options, rng)
+    again, values_again = _registered(pairs, again)
+    found, values = np.concatenate([found, again]), np.concatenate([values, values_again])
+    chosen = _different(found, values, LAST, MODE_DEG, MODE_DEG)
     return Found(found[chosen], values[chosen])
+
+
+def _registered(pairs: Sequence[EdgeFeatures], poses: Array) -> tuple[Array, Array]:
+    """The poses and the same registered to lines, and the scores of all."""
+    images, clouds = [pair.lines for pair in pairs], [pair.cloud for pair in pairs]
+    both = np.concatenate([poses, [register(images, clouds, T) for T in poses]])
+    return both, _scores(pairs, both, LAST)
 
 
 def _shrinking(
@@ -222,12 +236,14 @@ def _points_in_view(
     return result, known
 
 
-def _different(poses: Array, values: Array, stage: Stage, apart_deg: float) -> NDArray[np.int64]:
+def _different(
+    poses: Array, values: Array, stage: Stage, apart_deg: float, mode_deg: float = 5.0
+) -> NDArray[np.int64]:
     """Indices of the best poses, best first: none too near a better one, few of one mode."""
-    order = np.argsort(-values, kind="stable")[: 20 * stage.keep]
+    order = np.argsort(-values, kind="stable")
     R = poses[order, :3, :3].reshape(-1, 9)
     quota = max(1, stage.keep // stage.modes)
-    near, mode = (1.0 + 2.0 * np.cos(np.deg2rad(a)) for a in (apart_deg, MODE_DEG))
+    near, mode = (1.0 + 2.0 * np.cos(np.deg2rad(a)) for a in (apart_deg, mode_deg))
     away = (apart_deg / max(stage.rotation_deg, 1e-9)) * stage.translation_m
     chosen: list[int] = []
     heads: list[int] = []
