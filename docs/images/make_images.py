@@ -31,7 +31,7 @@ from lcdata.evaluation import read_results
 from lcdata.geometry import se3
 from lcdata.pick import PickServer, Session
 from lcdata.report import draw_overlay
-from lcdata.review import save_pair_review
+from lcdata.review.one_pair import save_pair_review
 from lcdata.review.viewer import viewer_command
 
 HERE = Path(__file__).parent

@@ -47,7 +47,7 @@ def review(
 ) -> None:
     """Show data set and results in Rerun, on timelines `pair` and `stamp`; or one pair closely."""
     from lcdata.dataset import Dataset
-    from lcdata.review import open_viewer, save_pair_review, save_review
+    from lcdata.review import open_viewer, save_review
     from lcdata.review import serve as serve_review
 
     of_pair = {"method": method, "reach_m": reach_translation, "reach_deg": reach_rotation}
@@ -63,6 +63,8 @@ def review(
             path = save or opened.path / "review.rrd"
             save_review(opened, path, thin=thin or 8, progress=progress)
         else:
+            from lcdata.review.one_pair import save_pair_review  # compiled kernels come with it
+
             path, figure = save_pair_review(
                 opened, pair, save, thin=thin, progress=progress, **given
             )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lcdata.review.one_pair import save_pair_review
 from lcdata.review.save import save_review
 from lcdata.review.viewer import open_viewer, serve
 
-__all__ = ["open_viewer", "save_pair_review", "save_review", "serve"]
+__all__ = ["open_viewer", "save_review", "serve"]

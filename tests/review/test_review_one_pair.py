@@ -15,9 +15,8 @@ from test_review_cameras import CAMERAS
 
 from lcdata.dataset import Dataset, schema
 from lcdata.errors import CalibrationError, DatasetError, ReportError
-from lcdata.review import save_pair_review
 from lcdata.review.blending import WIDEST_PX, Blending, reduced
-from lcdata.review.one_pair import default_path
+from lcdata.review.one_pair import default_path, save_pair_review
 
 NO_INTENSITY = np.dtype([(name, LIDAR[name]) for name in "xyz"])
 

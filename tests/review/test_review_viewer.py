@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import pytest
 from box_room import CLEAN, add_results, make
 
-from lcdata.review import save_pair_review, save_review
+from lcdata.review import save_review
+from lcdata.review.one_pair import save_pair_review
 from lcdata.review.viewer import serve_command, viewer_command
 
 if TYPE_CHECKING:
