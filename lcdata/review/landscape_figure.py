@@ -85,7 +85,7 @@ def _panel(
     kept = np.isfinite(hard)
     axes.plot(x[kept], hard[kept], ".", color=MUTED, markersize=2.5, label="hard bins")
     ordered = sorted(landscape.slices.items(), key=lambda item: item[0] == middle)
-    for name, one in ordered:
+    for row, (name, one) in enumerate(ordered):
         colour = tuple(c / 255 for c in palette[name])
         own = name == middle
         axes.plot(
@@ -103,10 +103,11 @@ def _panel(
             side = 1.0 if at > 0 else 0.0
             axes.annotate(
                 f"{at:+.2g} {unit} →" if side else f"← {at:+.2g} {unit}",
-                (side, 0.96),
+                (side, 0.96 - 0.1 * row),
                 xycoords="axes fraction",
                 ha="right" if side else "left",
                 va="top",
                 color=colour,
                 fontsize=9,
+                bbox={"facecolor": PANEL, "edgecolor": "none", "pad": 1.5},
             )
