@@ -20,7 +20,7 @@ def smooth_noise(shape, sigma, rng):
     return (noise - noise.min()) / (noise.max() - noise.min())
 
 
-def textured_pair(seed, points=30_000, camera=CAMERA, noise=0.05, map_intensity=None):
+def textured_pair(seed, points=12_000, camera=CAMERA, noise=0.05, map_intensity=None):
     """Points all over the image and beyond, as bright as the image where they are seen.
 
     Args:

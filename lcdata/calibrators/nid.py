@@ -172,7 +172,8 @@ class NidCalibrator(Calibrator):
         if self.solver == "nelder_mead":
             T, _ = nelder_mead(current.hard, found.T, self.box * (0.5 if k == 0 else 0.05))
             return Minimum(T, ())
-        if self.solver == "bfgs" or k > 1:
+        # A rough cost is searched twice, from the first estimate with what is hidden from there.
+        if self.solver == "bfgs" or k > (1 if self.with_edges else 0):
             reach = self.box * (1.0 if k == 0 else 0.25)
             return Minimum(bfgs(current.slope, found.T, reach)[0], found.others)
         reach = self.box * (1.0 if k == 0 else 0.35)
@@ -205,7 +206,6 @@ class Nid(NidCalibrator):
     with_edges: ClassVar[bool] = False
 
     search_translation_m: float = 0.3
-    search_samples: int = 5000
 
     def prepare(self, pair: Pair) -> NidFeatures:
         """Equalised image and finite points of one pair."""

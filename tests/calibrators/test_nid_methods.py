@@ -84,9 +84,9 @@ def test_result_is_repeatable():
     "camera",
     [
         Camera("fisheye", 640, 480, (260, 260, 320, 240), (0.02, -0.01, 0.002, 0.0)),
-        Camera("equirectangular", 1200, 600, ()),
+        pytest.param(Camera("equirectangular", 1200, 600, ()), marks=pytest.mark.slow),
     ],
-    ids=lambda c: c.model,
+    ids=["fisheye", "equirectangular"],
 )
 def test_works_on_the_raw_image_of_other_cameras(camera):
     pair = textured_pair(12, camera=camera)
@@ -113,7 +113,7 @@ def test_several_pairs_are_better_than_one():
     assert (np.array(found(pairs)) < single).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["nid", pytest.param("nid_edge", marks=pytest.mark.slow)])
 def test_an_image_of_another_place_is_not_called_converged(method):
     for seed in range(1):
         pair, other = textured_pair(30 + seed), textured_pair(40 + seed)
@@ -122,6 +122,7 @@ def test_an_image_of_another_place_is_not_called_converged(method):
         assert not usable(calibrate(mixed, start, method=method)).converged
 
 
+@pytest.mark.slow
 def test_a_guess_farther_off_than_the_box_is_not_called_converged_where_it_is_wrong():
     pair = textured_pair(32)
     start = perturbed(pair.T_camera_lidar, np.random.default_rng(0), 6.0, 0.5)
@@ -189,7 +190,7 @@ def test_no_pairs_and_no_initial_guess_are_errors():
 def test_simulated_pairs_are_registered_to_a_centimetre(scenario):
     from lcdata.simulation import render_pair
 
-    pair = render_pair(scenario, seed=7, columns=1024)
+    pair = render_pair(scenario, seed=7, columns=512)
     start = perturbed(pair.T_camera_lidar, np.random.default_rng(0), 1.0, 0.1)
     for method in METHODS:
         result = usable(calibrate(pair, start, method=method))
@@ -208,7 +209,7 @@ def test_one_real_road_scan_is_never_confidently_wrong(shared):
     folder = shared / "data" / "kitti_road"
     reference = json.loads((folder / "reference.json").read_text())
     T = np.array(reference["T_camera_lidar"])
-    for path in sorted(folder.glob("*.pcd"))[:3]:
+    for path in sorted(folder.glob("*.pcd"))[:2]:
         cloud = PointCloud.from_path(path)
         image = cv2.imread(str(path.with_suffix(".png")))[:, :, ::-1].copy()
         camera = Camera("pinhole", image.shape[1], image.shape[0], tuple(reference["K"]))
