@@ -74,8 +74,7 @@ class GuessOptions:
     Args:
         route: "edges" searches all rotations for edges of the cloud on lines of the image;
             "matching" matches points of the image and of the cloud's intensity image; "auto"
-            takes the first, and where that cannot be trusted tries the second as well and keeps
-            what explains the edges better.
+            takes the first, and the second where the first cannot be trusted and it can.
         matcher: Name of the matcher, see `lcdata.features.image_matching`.
         rotate_camera: Turn the camera's image by so many degrees before matching: 0, 90, 180, 270.
         rotate_lidar: The same of the LiDAR's image.
@@ -140,7 +139,41 @@ def guess(pairs: Sequence[Pair] | Pair, **options: object) -> InitialGuess:
 
 def _guess(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
     """The guess of the route that was asked for."""
-    return _by_edges(pairs, options)
+    if options.route == "matching":
+        return _by_matching(pairs, options)
+    if options.route == "edges":
+        return _by_edges(pairs, options)
+    try:
+        found = _by_edges(pairs, options)
+    except CalibrationError as no_edges:
+        try:
+            return _by_matching(pairs, options)
+        except CalibrationError:
+            raise no_edges from None
+    if found.converged:
+        return found
+    try:
+        matched = _by_matching(pairs, options)
+    except CalibrationError:
+        return found
+    return matched if matched.converged else found
+
+
+def _by_matching(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
+    """Match points of the image and of the cloud's intensity images."""
+    from lcdata.calibrators.matching_guess import pose_from_matching
+    from lcdata.features.image_matching import make_matcher
+
+    matcher = make_matcher(options.matcher)
+    found = pose_from_matching(pairs, matcher, options.rotate_camera, options.rotate_lidar)
+    return InitialGuess(
+        found.T_camera_lidar,
+        not found.doubts,
+        "; ".join(found.doubts),
+        "matching",
+        matches=found.matches,
+        inliers=found.inliers,
+    )
 
 
 def _by_edges(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:

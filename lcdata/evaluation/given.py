@@ -44,7 +44,7 @@ def given_guesses(dataset: Dataset, source: str) -> tuple[str, dict[str, NDArray
         name = re.sub(r"[^\w+-]+", "-", Path(source).stem)
         return f"matches-{name}", matched_extrinsics(dataset, Path(source))
     raise CalibrationError(
-        f"no initial guess {source!r}", "use truth, auto, picks, or a CSV of matches (u,v,x,y,z)"
+        f"no initial guess {source!r}", "use truth, picks, auto, or a CSV of matches (u,v,x,y,z)"
     )
 
 

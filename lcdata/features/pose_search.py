@@ -98,7 +98,6 @@ class Found:
 def search(
     pairs: Sequence[EdgeFeatures],
     options: SearchOptions,
-    hypotheses: Array | None = None,
     witness: Callable[[Array], Array] | None = None,
 ) -> Found:
     """Find the poses that explain all pairs best.
@@ -106,7 +105,6 @@ def search(
     Args:
         pairs: Features of pairs with the same extrinsic.
         options: How widely and finely to search.
-        hypotheses: (H, 4, 4) poses that others propose, to be tried as well.
         witness: Gives (P, 4, 4) poses (P,) factors above 0, by which their scores are multiplied
             where it is decided which solutions are searched locally.
     """
@@ -119,7 +117,6 @@ def search(
     poses = np.tile(np.eye(4), (options.rotations, 1, 1))
     poses[:, :3, :3] = even_rotations(options.rotations)
     poses[:, :3, 3] = rng.normal(scale=options.translation_m, size=(len(poses), 3))
-    poses = np.concatenate([np.zeros((0, 4, 4)) if hypotheses is None else hypotheses, poses])
     poses[:, :3, 3] = np.clip(poses[:, :3, 3], -options.reach_m, options.reach_m)
     promising = np.argsort(-_scores(pairs, poses, GLANCE), kind="stable")[: GLANCE.keep]
     poses = poses[promising]

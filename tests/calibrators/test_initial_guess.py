@@ -40,6 +40,11 @@ def test_bad_input_is_named() -> None:
         calibrate(blank(), "automatic", method="plk")
 
 
+def test_nothing_to_match_is_named() -> None:
+    with pytest.raises(CalibrationError, match=r"matched points agree on a rotation.*lcdata pick"):
+        guess(blank(), route="matching")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("lidar", ["os1_128", "avia"])
 def test_a_simulated_pair_is_solved_from_nothing(lidar: str) -> None:
