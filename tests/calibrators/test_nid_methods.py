@@ -190,7 +190,7 @@ def test_no_pairs_and_no_initial_guess_are_errors():
 def test_simulated_pairs_are_registered_to_a_centimetre(scenario):
     from lcdata.simulation import render_pair
 
-    pair = render_pair(scenario, seed=7, columns=512)
+    pair = render_pair(scenario, seed=7, columns=1024)
     start = perturbed(pair.T_camera_lidar, np.random.default_rng(0), 1.0, 0.1)
     for method in METHODS:
         result = usable(calibrate(pair, start, method=method))
