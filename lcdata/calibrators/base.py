@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.errors import CalibrationError
 from lcdata.pair import Pair
 
 Array = NDArray[np.float64]
@@ -108,3 +109,47 @@ class Calibrator(ABC):
         Raises:
             CalibrationError: Input that no estimate can be made from.
         """
+
+    def _check_numbers(self, highest: Mapping[str, float], whole: Sequence[str]) -> None:
+        """Refuse parameters that are no numbers, or not ones that make sense.
+
+        Args:
+            highest: Names of parameters above 0, and their largest values.
+            whole: Names of those that are whole numbers, 0 or more.
+
+        Raises:
+            CalibrationError: Naming method, parameter and value.
+        """
+        for name, limit in highest.items():
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and 0 < value <= limit):
+                raise CalibrationError(
+                    f"method {self.name!r}: {name} is {value!r}",
+                    f"give a number above 0, at most {limit:g}",
+                )
+        for name in whole:
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 0:
+                raise CalibrationError(
+                    f"method {self.name!r}: {name} is {value!r}", "give a whole number"
+                )
+
+    def _ready(
+        self, pairs: Sequence[Pair], initial: Array | None, prepared: Sequence[Any] | None
+    ) -> tuple[Array, list[Any]]:
+        """The initial guess of a method that needs one, and the features of all pairs.
+
+        Raises:
+            CalibrationError: No pairs, or no initial guess.
+        """
+        if initial is None or not pairs:
+            raise CalibrationError(
+                f"method {self.name!r} got {len(pairs)} pairs and initial guess {initial}",
+                "give one pair or more and a 4x4 T_camera_lidar",
+            )
+        done = prepared or [None] * len(pairs)
+        return np.array(initial, float), [
+            self.prepare(pair) if features is None else features
+            for pair, features in zip(pairs, done, strict=True)
+        ]

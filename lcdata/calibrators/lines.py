@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
-from lcdata.errors import CalibrationError
 from lcdata.features.chamfer_search import (
     FINEST,
     Objective,
@@ -97,20 +96,7 @@ class LineCalibrator(Calibrator):
             "max_rotation_sigma_deg": math.inf,
             "max_translation_sigma_m": math.inf,
         }
-        for name, highest in limits.items():
-            value = getattr(self, name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (number and 0 < value <= highest):
-                raise CalibrationError(
-                    f"method {self.name!r}: {name} is {value!r}",
-                    f"give a number above 0, at most {highest:g}",
-                )
-        for name in ("search_samples", "seed"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 0:
-                raise CalibrationError(
-                    f"method {self.name!r}: {name} is {value!r}", "give a whole number"
-                )
+        self._check_numbers(limits, ("search_samples", "seed"))
 
     @property
     @abstractmethod
@@ -129,17 +115,7 @@ class LineCalibrator(Calibrator):
     ) -> Calibration:
         """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
         started = time.perf_counter()
-        if initial is None or not pairs:
-            raise CalibrationError(
-                f"method {self.name!r} got {len(pairs)} pairs and initial guess {initial}",
-                "give one pair or more and a 4x4 T_camera_lidar",
-            )
-        T_initial = np.array(initial, float)
-        ready = prepared or [None] * len(pairs)
-        features = [
-            self.prepare(pair) if done is None else done
-            for pair, done in zip(pairs, ready, strict=True)
-        ]
+        T_initial, features = self._ready(pairs, initial, prepared)
         options = SearchOptions(
             self.search_rotation_deg,
             self.search_translation_m,

@@ -80,20 +80,7 @@ class NidCalibrator(Calibrator):
             "max_rotation_sigma_deg": math.inf,
             "max_translation_sigma_m": math.inf,
         }
-        for name, highest in limits.items():
-            value = getattr(self, name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (number and 0 < value <= highest):
-                raise CalibrationError(
-                    f"method {self.name!r}: {name} is {value!r}",
-                    f"give a number above 0, at most {highest:g}",
-                )
-        for name in ("search_samples", "rounds", "seed"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 0:
-                raise CalibrationError(
-                    f"method {self.name!r}: {name} is {value!r}", "give a whole number"
-                )
+        self._check_numbers(limits, ("search_samples", "rounds", "seed"))
 
     @property
     def box(self) -> Array:
@@ -108,17 +95,7 @@ class NidCalibrator(Calibrator):
     ) -> Calibration:
         """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
         started = time.perf_counter()
-        if initial is None or not pairs:
-            raise CalibrationError(
-                f"method {self.name!r} got {len(pairs)} pairs and initial guess {initial}",
-                "give one pair or more and a 4x4 T_camera_lidar",
-            )
-        T_initial = np.array(initial, float)
-        ready = prepared or [None] * len(pairs)
-        features = [
-            self.prepare(pair) if done is None else done
-            for pair, done in zip(pairs, ready, strict=True)
-        ]
+        T_initial, features = self._ready(pairs, initial, prepared)
         first = limited(objective(features, T_initial, self.with_edges), self.seed)
         if first.inside < FEWEST_POINTS * len(pairs):
             return _blind(features, T_initial, first.inside, started)
