@@ -185,7 +185,7 @@ class Cascade(Calibrator):
         )
         if apart > FARTHEST:
             return result, False, f"intensities and edges disagree by {apart:.1f} sigma ({told})"
-        if finding.by in SAME_DATA or math.isnan(apart):
+        if finding.by in SAME_DATA or not finding.trusted or math.isnan(apart):
             T, covariance = confirmed.T, confirmed.covariance
             words = f"refined by intensities and edges ({told})"
         else:
