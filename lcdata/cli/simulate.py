@@ -17,7 +17,7 @@ EXAMPLE = "lcdata simulate recordings --scenario gym --poses 5 --pairs 2 --seed 
 def simulate(
     out: Annotated[Path, typer.Argument(help="Folder to write into.", show_default=False)],
     scenario: Annotated[
-        str, typer.Option(help="parking_lot, gym, yard, or several with commas.")
+        str, typer.Option(help="parking_lot, gym, yard, road, or several with commas.")
     ] = "gym",
     poses: Annotated[int, typer.Option(min=1, help="Arm poses (dwells).")] = 5,
     pairs: Annotated[int, typer.Option(min=1, help="LiDAR-camera pairs a pose.")] = 2,

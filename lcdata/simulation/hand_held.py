@@ -60,7 +60,7 @@ def simulate_hand_held(
 
     Args:
         out: The folder; made if missing.
-        scenario: One or several of parking_lot, gym, yard; each becomes one recording.
+        scenario: One or several of parking_lot, gym, yard, road; each becomes one recording.
         seconds: How long the motion takes.
         seed: Same seed, same recording.
         format: ros1, mcap or sqlite3.

@@ -74,7 +74,7 @@ def simulate(
 
     Args:
         out: The folder; made if missing.
-        scenario: One or several of parking_lot, gym, yard; each becomes one recording.
+        scenario: One or several of parking_lot, gym, yard, road; each becomes one recording.
         poses: Arm poses (dwells).
         pairs: Pairs of a scan and an image in each dwell. A few more are taken as the arm moves.
         seed: Same seed, same recording.
@@ -252,10 +252,8 @@ def _messages(
         def write(bag: Bag) -> None:
             shot, stamp, received = shots[k], int(image_ns[k]), int(image_bag[k])
             there = schedule.blend(schedule.positions, np.array([shot.image_s]))[0]
-            scene = around(shot.pose, shot.pair)
-            bag.image(
-                stamp, received, world.picture(scene, lens, there, shot.pose, shot.pair), *image
-            )
+            scene, at = around(shot.pose, shot.pair), world.T_world_camera(there)
+            bag.image(stamp, received, world.picture(scene, lens, at, shot.pose, shot.pair), *image)
             bag.camera_info(stamp, received, lens)
 
         return write
@@ -264,8 +262,8 @@ def _messages(
         def write(bag: Bag) -> None:
             (time, pose), stamp, received = frames[k], int(frame_ns[k]), int(frame_bag[k])
             there = schedule.blend(schedule.positions, np.array([time]))[0]
-            scene = around(pose, _ON_THE_WAY)
-            picture = world.picture(scene, lens, there, pose, _ON_THE_WAY + k)
+            scene, at = around(pose, _ON_THE_WAY), world.T_world_camera(there)
+            picture = world.picture(scene, lens, at, pose, _ON_THE_WAY + k)
             bag.image(stamp, received, picture, *image)
             bag.camera_info(stamp, received, lens)
 
