@@ -5,6 +5,7 @@ import pytest
 
 from lcdata.errors import SimulationError
 from lcdata.geometry import se3
+from lcdata.pair import Pair
 from lcdata.simulation import World, render_pair, semantic_masks
 from lcdata.simulation.mounts import car_extrinsic, default_rig
 from lcdata.simulation.scenes import street
@@ -18,25 +19,30 @@ def seed(request: pytest.FixtureRequest) -> int:
     return request.param
 
 
-def test_a_car_sees_the_road_as_cars_do(seed: int) -> None:
+@pytest.fixture(scope="module")
+def stop(seed: int) -> tuple[Pair, World]:
+    pair = render_pair("road", seed=seed, lidar="os1_64", width=640, height=360)
+    return pair, World("road", seed, default_rig(), stop=0)
+
+
+def test_a_car_sees_the_road_as_cars_do(seed: int, stop: tuple[Pair, World]) -> None:
     """LiDAR 1.7 to 2 m above a flat road along x, camera below it, looking ahead."""
-    world = World("road", seed, default_rig(), stop=0)
+    pair, world = stop
     assert 1.6 < world.T_world_lidar[2, 3] < 2.05
     T = world.T_world_lidar @ se3.inverse(car_extrinsic(seed))
     assert 1.2 < T[2, 3] < world.T_world_lidar[2, 3]
     assert T[0, 2] > np.cos(np.deg2rad(12)), "the optical axis points along the road"
-    pair = render_pair("road", seed=seed, lidar="os1_64", **SMALL)
     points = se3.apply(world.T_world_lidar, pair.points[np.isfinite(pair.points[:, 0])])
     near = points[(np.abs(points[:, 1]) < 1.2) & (points[:, 0] > 4) & (points[:, 0] < 12)]
     assert len(near) > 200
     assert np.abs(np.median(near[:, 2])) < 0.02, "the world's ground is z = 0"
 
 
-def test_stops_of_a_car_share_its_extrinsic_and_are_different_places(seed: int) -> None:
-    first, second = (
-        render_pair("road", seed=seed, pose_index=k, lidar="os1_64", columns=512, **SMALL)
-        for k in range(2)
-    )
+def test_stops_of_a_car_share_its_extrinsic_and_are_different_places(
+    seed: int, stop: tuple[Pair, World]
+) -> None:
+    first, _ = stop
+    second = render_pair("road", seed=seed, pose_index=1, lidar="os1_64", **SMALL)
     np.testing.assert_array_equal(first.T_camera_lidar, second.T_camera_lidar)
     np.testing.assert_array_equal(first.T_camera_lidar, car_extrinsic(seed))
     assert first.pose_id != second.pose_id
@@ -44,15 +50,14 @@ def test_stops_of_a_car_share_its_extrinsic_and_are_different_places(seed: int) 
     assert moved.mean() > 0.5
 
 
-def test_masks_are_what_the_image_shows(seed: int) -> None:
-    """Markings are brighter than the road beside them, and lie where the true plane puts them."""
-    pair = render_pair("road", seed=seed, lidar="os1_64", columns=512, width=640, height=360)
+def test_masks_are_what_the_image_shows(seed: int, stop: tuple[Pair, World]) -> None:
+    """Markings are on the ground, and brighter than the road beside them."""
+    pair, world = stop
     masks = semantic_masks(seed=seed, width=640, height=360)
     assert masks.lane.shape == masks.pole.shape == (360, 640)
     assert not (masks.lane & masks.pole).any()
     assert masks.lane.sum() > 500
     assert masks.pole.sum() > 100
-    world = World("road", seed, default_rig(), stop=0)
     T = world.T_world_lidar @ se3.inverse(pair.T_camera_lidar)
     rows, columns = np.nonzero(masks.lane)
     rays = pair.camera.unproject(np.column_stack([columns, rows]).astype(float)) @ T[:3, :3].T
@@ -71,10 +76,12 @@ def test_masks_are_what_the_image_shows(seed: int) -> None:
         assert np.median(paint - road) > 25
 
 
-def test_paint_is_stronger_than_asphalt_at_a_mean_and_a_sigma(seed: int) -> None:
+def test_paint_is_stronger_than_asphalt_at_a_mean_and_a_sigma(
+    seed: int, stop: tuple[Pair, World]
+) -> None:
     """CRLF's threshold on a LiDAR whose intensity does not fall with range."""
+    _, world = stop
     pair = render_pair("road", seed=seed, lidar="avia", scans=4, **SMALL)
-    world = World("road", seed, default_rig(), stop=0)
     around = world.surroundings(0, 0)
     origin = np.broadcast_to(world.T_world_lidar[:3, 3], pair.points.shape)
     ahead = se3.apply(world.T_world_lidar, pair.points) - origin

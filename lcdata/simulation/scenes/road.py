@@ -63,8 +63,7 @@ def build(rng: Rng) -> Scene:
     fixed += _far_end(rng, plan)
     seeds = rng.integers(2**32, size=len(trees) + len(hedges))
     walkers = [
-        (rng.uniform(5, 45), np.mean([plan.kerbs[s], plan.walks[s]]))
-        for s in rng.integers(2, size=4)
+        (rng.uniform(5, 45), (plan.kerbs[s] + plan.walks[s]) / 2) for s in rng.integers(2, size=4)
     ]
 
     def moving(chance: Rng) -> Parts:
@@ -81,7 +80,7 @@ def build(rng: Rng) -> Scene:
             parts += place(props.person(chance), here, chance.uniform(-np.pi, np.pi))
         return parts + _traffic(chance, plan)
 
-    azimuth, altitude = rng.uniform([-np.pi, 0.6], [np.pi, 1.1])
+    azimuth, altitude = rng.uniform([-np.pi, 0.6], [np.pi, 1.1]).tolist()
     level = np.cos(altitude)
     sun = (level * np.cos(azimuth), level * np.sin(azimuth), np.sin(altitude))
     light = Light((Lamp(sun, (1.35, 1.25, 1.08)),), (0.5, 0.58, 0.7), (0.26, 0.25, 0.23))
