@@ -23,7 +23,7 @@ def simulate(
     pairs: Annotated[int, typer.Option(min=1, help="LiDAR-camera pairs a pose.")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same recording.")] = 0,
     format: Annotated[str, typer.Option(help="ros1, mcap or sqlite3.")] = "mcap",
-    lidar: Annotated[str, typer.Option(help="os1_128, os1_64 or avia.")] = "os1_128",
+    lidar: Annotated[str, typer.Option(help="os1_128, os1_64, avia or pandar_64.")] = "os1_128",
     columns: Annotated[
         int | None,
         typer.Option(help="Columns of a spinning LiDAR: 512, 1024 or 2048; default: its usual."),

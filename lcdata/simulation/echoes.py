@@ -19,6 +19,8 @@ Motion = Callable[[Array], Array]
 
 _BEAM_STD_DEG = 0.025
 _GRID_M = 2.0**-9
+FALLOFF_M = 12.0
+"""From about this range on the signal falls with its square."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def echoes(
     diffuse = hits.cosine * (1 - gloss) + gloss * hits.cosine**12
     retro = scene.property_of("retro")[triangle]
     strength = reflectivity * diffuse + retro
-    signal = strength / (1 + (safe / 12.0) ** 2)
+    signal = strength / (1 + (safe / FALLOFF_M) ** 2)
     returned = hits.hit & (distance >= nearest) & (distance <= farthest)
     ambient = sunlight * albedo * 900 * np.where(hits.hit, 1, 1.6)
     if noisy:

@@ -104,7 +104,7 @@ def render_pair(
             is laid out anew, and the extrinsic stays.
         pair_index: Number of the pair in the pose: other noise, and people and leaves moved.
         seed: Fixes layout, mounts, poses and noise.
-        lidar: os1_128, os1_64 or avia.
+        lidar: os1_128, os1_64, avia or pandar_64.
         columns: Measurements a turn of a spinning LiDAR: 512, 1024 or 2048; None for 2048 of
             the os1_128, 1024 of the os1_64.
         scans: Scans to merge into one dense cloud without order, of what returned. None: one of

@@ -79,7 +79,7 @@ def simulate(
         pairs: Pairs of a scan and an image in each dwell. A few more are taken as the arm moves.
         seed: Same seed, same recording.
         format: ros1, mcap or sqlite3.
-        lidar: os1_128, os1_64 or avia.
+        lidar: os1_128, os1_64, avia or pandar_64.
         columns: Columns a turn of a spinning LiDAR: 512, 1024 or 2048; None for 2048 of the
             os1_128, 1024 of the os1_64.
         azimuth_window_deg: Sector ahead that it reports; all around for None.
@@ -276,7 +276,7 @@ def _messages(
     events += [(int(image_bag[k]), picture(k)) for k in range(len(shots))]
     events += [(int(frame_bag[k]), frame(k)) for k in range(len(frames))]
     events += [(int(joint_bag[k]), joints(k)) for k in range(len(times))]
-    ouster = isinstance(sensor, Ouster)
+    ouster = type(sensor) is Ouster  # others have no frames of their own
     yield start_ns, lambda bag: bag.static_transforms(start_ns, start_ns, ouster)
     yield from sorted(events, key=lambda event: event[0])
 
