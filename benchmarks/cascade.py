@@ -56,8 +56,8 @@ def report(name, rows):
     sigmas = sigmas[np.isfinite(sigmas)]
     print(
         f"  {name:28s} n {len(rows):3d}  success {int(success.sum()):3d}  "
-        f"median {np.median(values["degrees"]):.3f} deg "
-        f"{1e3 * np.median(values["metres"]):.1f} mm  "
+        f"median {np.median(values['degrees']):.3f} deg "
+        f"{1e3 * np.median(values['metres']):.1f} mm  "
         f"worst {values['degrees'].max():.2f} deg {1e3 * values['metres'].max():.0f} mm  "
         f"converged {int(values['converged'].sum()):3d}  wrong {wrong}  "
         f"sigmas {np.sqrt(np.mean(sigmas**2)) if len(sigmas) else np.nan:.1f}  "
