@@ -35,7 +35,7 @@ Set = Annotated[
         "--set", help="A method's parameter, METHOD.NAME=VALUE: nid.rounds=3, crlf.masks=FOLDER."
     ),
 ]
-DEFAULT_METHODS = "projection,plk"
+DEFAULT_METHODS = "projection,plk,cascade"
 
 
 @guarded
