@@ -10,7 +10,6 @@ behind it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 from lcdata.features.p3l import turns
 from lcdata.features.road_cloud import RoadCloud
-from lcdata.features.road_cost import NEAR, Floats, mean_height
-from lcdata.features.road_image import RoadImage
+from lcdata.features.road_cost import NEAR, mean_height
+from lcdata.features.road_view import RoadView
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
@@ -38,23 +37,6 @@ APART_DEG = 2.0
 
 SAME_M, SAME_RAD = 0.3, np.deg2rad(2.0)
 """Poses so close are one candidate."""
-
-
-@dataclass(frozen=True, eq=False)
-class RoadView:
-    """What the coarse calibration needs of one pair.
-
-    Args:
-        cloud: Lane marks and poles.
-        image: Masks and lines.
-        lane_heights: (h, w) height map of the lanes.
-        pole_heights: The same of the poles.
-    """
-
-    cloud: RoadCloud
-    image: RoadImage
-    lane_heights: Floats
-    pole_heights: Floats
 
 
 def ahead(cloud: RoadCloud, points: Array) -> Array:
@@ -92,7 +74,7 @@ def coarse(view: RoadView, reach_m: float, most: int) -> tuple[Array, Array]:
     """
     cloud, image = view.cloud, view.image
     K = image.camera.K
-    lanes = cloud.lane_lines[:, :, :].mean(1)
+    lanes = cloud.lane_lines.mean(1)
     run = cloud.lane_lines[:, 1] - cloud.lane_lines[:, 0]
     run /= np.linalg.norm(run, axis=1, keepdims=True)
     forward = ahead(cloud, cloud.lane_lines[:, 0]) | ahead(cloud, cloud.lane_lines[:, 1])
@@ -121,8 +103,8 @@ def coarse(view: RoadView, reach_m: float, most: int) -> tuple[Array, Array]:
             float(np.sin(np.deg2rad(APART_DEG))),
             lane_points,
             pole_points,
-            view.lane_heights,
-            view.pole_heights,
+            view.lane_maps[0],
+            view.pole_maps[0],
             np.array(image.camera.intrinsics),
         )
         found.append(poses[:count])

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.errors import CalibrationError
 from lcdata.features.ransac_fits import ransac_lines
 from lcdata.geometry.camera import Camera
 
@@ -91,17 +90,13 @@ def worked(image: Bytes, camera: Camera) -> Bytes:
     return np.asarray(camera.undistort(image), np.uint8)
 
 
-def road_image(lane: Mask, pole: Mask | None, camera: Camera, name: str = "pair") -> RoadImage:
+def road_image(lane: Mask, pole: Mask | None, camera: Camera) -> RoadImage:
     """Lines of lanes and poles.
 
     Args:
         lane: (h, w) lane mask, undistorted; that of both where `pole` is None.
         pole: (h, w) pole mask.
         camera: Pinhole without distortion of the masks.
-        name: What to call the pair in an error.
-
-    Raises:
-        CalibrationError: No lane or no pole in the masks.
     """
     focal = max(camera.pixels_per_radian)
     if pole is None:
@@ -110,13 +105,6 @@ def road_image(lane: Mask, pole: Mask | None, camera: Camera, name: str = "pair"
         lane, pole = without_specks(lane), without_specks(pole)
         lane_lines, pole_lines = mask_lines(lane, focal), mask_lines(pole, focal, gaps=False)
         pole_lines = pole_lines[_steep(pole_lines)]
-    for what, lines in (("lane", lane_lines), ("pole", pole_lines)):
-        if not len(lines):
-            raise CalibrationError(
-                f"{name}: no {what} in the image's mask",
-                f"give masks in which a {what} is at least {LINE_LENGTH * focal:.0f} pixels long "
-                f"at a width of {camera.width}, or use another method",
-            )
     return RoadImage(camera, focal, lane, pole, lane_lines, pole_lines)
 
 
