@@ -17,13 +17,13 @@ EXAMPLE = "lcdata simulate recordings --scenario gym --poses 5 --pairs 2 --seed 
 def simulate(
     out: Annotated[Path, typer.Argument(help="Folder to write into.", show_default=False)],
     scenario: Annotated[
-        str, typer.Option(help="parking_lot, gym, yard, or several with commas.")
+        str, typer.Option(help="parking_lot, gym, yard, road, or several with commas.")
     ] = "gym",
     poses: Annotated[int, typer.Option(min=1, help="Arm poses (dwells).")] = 5,
     pairs: Annotated[int, typer.Option(min=1, help="LiDAR-camera pairs a pose.")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same recording.")] = 0,
     format: Annotated[str, typer.Option(help="ros1, mcap or sqlite3.")] = "mcap",
-    lidar: Annotated[str, typer.Option(help="os1_128, os1_64 or avia.")] = "os1_128",
+    lidar: Annotated[str, typer.Option(help="os1_128, os1_64, avia or pandar_64.")] = "os1_128",
     columns: Annotated[
         int | None,
         typer.Option(help="Columns of a spinning LiDAR: 512, 1024 or 2048; default: its usual."),

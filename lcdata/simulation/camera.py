@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -201,3 +201,25 @@ def render(
     # a soft shoulder instead of hard clipping, then the display's gamma
     picture = np.where(picture > 0.7, 0.7 + 0.3 * np.tanh((picture - 0.7) / 0.3), picture)
     return np.asarray(np.rint(255 * np.clip(picture, 0, 1) ** (1 / 2.2)), np.uint8)
+
+
+def kinds(
+    scene: RayCaster, camera: Camera, T_world_camera: Array, names: Sequence[str]
+) -> dict[str, NDArray[np.bool_]]:
+    """What the middles of a camera's pixels see.
+
+    Args:
+        scene: What the camera sees.
+        camera: Lens model.
+        T_world_camera: 4x4 pose.
+        names: Kinds of material, see `mesh.Material`.
+
+    Returns:
+        (H, W) masks by name.
+    """
+    optics = _optics(camera)
+    R, origin = np.float32(T_world_camera[:3, :3]), np.float32(T_world_camera[:3, 3])
+    hits = scene.cast(camera_rays(optics.ahead.reshape(-1, 3), R, origin))
+    return {
+        name: scene.of_kind(name, hits).reshape(optics.seen.shape) & optics.seen for name in names
+    }

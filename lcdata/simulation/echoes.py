@@ -19,6 +19,8 @@ Motion = Callable[[Array], Array]
 
 _BEAM_STD_DEG = 0.025
 _GRID_M = 2.0**-9
+FALLOFF_M = 12.0
+"""From about this range on the signal falls with its square."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Echoes:
         xyz: (N, 3) in the sensor's frame at the moment of the pulse, metres.
         signal: (N,) strength; it falls with range and incidence.
         reflectivity: (N,) of the surface at the LiDAR's wavelength, 0 ... 1.
-        diffuse: (N,) share that its incidence and gloss leave of it.
+        strength: (N,) what incidence and gloss leave of it, and what comes straight back at any.
         ambient: (N,) near-infrared light of the surroundings.
     """
 
@@ -40,7 +42,7 @@ class Echoes:
     xyz: Array
     signal: Array
     reflectivity: Array
-    diffuse: Array
+    strength: Array
     ambient: Array
 
 
@@ -84,7 +86,9 @@ def echoes(
     reflectivity = np.clip(albedo * scene.property_of("near_infrared")[triangle], 0.01, 1.0)
     gloss = scene.property_of("gloss")[triangle]
     diffuse = hits.cosine * (1 - gloss) + gloss * hits.cosine**12
-    signal = reflectivity * diffuse / (1 + (safe / 12.0) ** 2)
+    retro = scene.property_of("retro")[triangle]
+    strength = reflectivity * diffuse + retro
+    signal = strength / (1 + (safe / FALLOFF_M) ** 2)
     returned = hits.hit & (distance >= nearest) & (distance <= farthest)
     ambient = sunlight * albedo * 900 * np.where(hits.hit, 1, 1.6)
     if noisy:
@@ -98,7 +102,7 @@ def echoes(
     xyz = origin + (millimetres[:, None] / 1000) * direction
     if noisy:  # finer than any noise, and coordinates that compress
         xyz = np.rint(xyz / _GRID_M) * _GRID_M
-    return Echoes(returned, millimetres, xyz, signal, reflectivity, diffuse, ambient)
+    return Echoes(returned, millimetres, xyz, signal, reflectivity, strength, ambient)
 
 
 def poses_at(motion: Motion, times: NDArray[np.floating[Any]]) -> Array:

@@ -60,11 +60,11 @@ def simulate_hand_held(
 
     Args:
         out: The folder; made if missing.
-        scenario: One or several of parking_lot, gym, yard; each becomes one recording.
+        scenario: One or several of parking_lot, gym, yard, road; each becomes one recording.
         seconds: How long the motion takes.
         seed: Same seed, same recording.
         format: ros1, mcap or sqlite3.
-        lidar: os1_128, os1_64 or avia.
+        lidar: os1_128, os1_64, avia or pandar_64.
         columns: Columns a turn of a spinning LiDAR; None for the usual.
         livox_message: What an avia's driver publishes: custom or pointcloud2.
         camera: zed2i, fisheye, atan, omni, equirectangular, or any camera.

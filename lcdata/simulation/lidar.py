@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.simulation.echoes import Motion, echoes, poses_at
+from lcdata.simulation.echoes import Echoes, Motion, echoes, poses_at
 from lcdata.simulation.raycast import RayCaster
 
 Array = NDArray[np.float64]
@@ -62,6 +63,14 @@ class Ouster:
         """Time of a turn, nanoseconds."""
         return SCAN_NS
 
+    def elevations_deg(self) -> Array:
+        """(rings,) of the lasers, from top to bottom."""
+        return np.linspace(self.elevation_deg, -self.elevation_deg, self.rings)
+
+    def intensity(self, seen: Echoes) -> NDArray[np.floating[Any]]:
+        """(N,) what it reports: photons, which fall with range."""
+        return 2500 * seen.signal
+
     def beams(self) -> tuple[Float32, Float32, NDArray[np.uint32], NDArray[np.bool_]]:
         """Directions of a scan's beams, row by row.
 
@@ -69,8 +78,7 @@ class Ouster:
             (N, 3) beam origins and (N, 3) unit directions in the LiDAR frame, (N,) time since
             the scan's start in ns, (N,) whether the beam is inside the azimuth window.
         """
-        elevation = np.deg2rad(np.linspace(self.elevation_deg, -self.elevation_deg, self.rings))
-        elevation = elevation[:, None]
+        elevation = np.deg2rad(self.elevations_deg())[:, None]
         per_column = 360.0 / self.columns
         stagger = np.resize(self.stagger_deg, self.rings)[:, None]
         shift = np.rint(stagger / per_column)  # the driver shifts rows so that columns line up
@@ -141,7 +149,7 @@ class Ouster:
         for k, axis in enumerate("xyz"):
             _put(records, axis, inside, returned, seen.xyz[:, k])
         _put(records, "range", inside, returned, seen.millimetres)
-        _put(records, "intensity", inside, returned, np.rint(2500 * seen.signal))
+        _put(records, "intensity", inside, returned, np.rint(self.intensity(seen)))
         _put(records, "reflectivity", inside, returned, np.rint(100 * seen.reflectivity))
         ambient = np.clip(np.rint(seen.ambient), 0, 65535)
         _put(records, "ambient", inside, np.ones(n, bool), ambient)

@@ -12,6 +12,7 @@ from lcdata.errors import SimulationError
 from lcdata.simulation.echoes import Motion
 from lcdata.simulation.lidar import COLUMNS, Ouster
 from lcdata.simulation.livox import Avia
+from lcdata.simulation.pandar import Pandar
 from lcdata.simulation.raycast import RayCaster
 
 Array = NDArray[np.float64]
@@ -53,6 +54,12 @@ def _os1_64(columns: int | None, window: float | None) -> Lidar:
     )
 
 
+def _pandar_64(columns: int | None, window: float | None) -> Lidar:
+    if columns is not None:
+        raise SimulationError("a Pandar64 has 1800 columns", "leave --columns out, or take an os1")
+    return Pandar(azimuth_window_deg=window)
+
+
 def _avia(columns: int | None, window: float | None) -> Lidar:
     if columns is not None or window is not None:
         raise SimulationError(
@@ -65,6 +72,7 @@ LIDARS: dict[str, Callable[[int | None, float | None], Lidar]] = {
     "os1_128": _os1_128,
     "os1_64": _os1_64,
     "avia": _avia,
+    "pandar_64": _pandar_64,
 }
 """Makers of the models, from columns and azimuth window."""
 
@@ -75,8 +83,8 @@ def make_lidar(
     """A LiDAR.
 
     Args:
-        name: os1_128, os1_64 (both spin at 10 Hz) or avia (draws a rosette).
-        columns: Of a spinning one, measurements a turn: 512, 1024 or 2048; None for the usual.
+        name: os1_128, os1_64, pandar_64 (all spin at 10 Hz) or avia (draws a rosette).
+        columns: Of an os1, measurements a turn: 512, 1024 or 2048; None for the usual.
         azimuth_window_deg: Of a spinning one, sector ahead that it reports; None for all.
 
     Raises:

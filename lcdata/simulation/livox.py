@@ -119,7 +119,7 @@ class Avia:
         records["offset_time"], records["line"], records["tag"] = t, line, _SINGLE_RETURN
         for k, axis in enumerate("xyz"):
             records[axis] = np.where(seen.returned, seen.xyz[:, k], 0)
-        strength = seen.reflectivity * seen.diffuse
+        strength = seen.strength
         if self.noisy:
             strength = strength * np.maximum(0.0, 1 + rng.normal(scale=0.06, size=len(t)))
         grey = np.clip(np.rint(150 * strength), 1, 255)

@@ -34,6 +34,9 @@ class Material:
         near_infrared: Factor from the visible albedo to that at the LiDAR's 865 nm.
         gloss: 0 matt ... 1 mirror-like: loses LiDAR returns away from normal incidence.
         glow: Light of its own, relative to a white surface in full light.
+        retro: What a rough surface or glass beads send straight back to a LiDAR at any incidence,
+            as reflectivity.
+        kind: What a surface is to a semantic mask, such as `lane` or `pole`; "" for nothing.
     """
 
     color: str
@@ -46,6 +49,8 @@ class Material:
     near_infrared: float = 1.0
     gloss: float = 0.0
     glow: float = 0.0
+    retro: float = 0.0
+    kind: str = ""
 
 
 @dataclass(frozen=True, eq=False)

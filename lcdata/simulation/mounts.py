@@ -14,6 +14,8 @@ from lcdata.errors import SimulationError
 from lcdata.geometry import se3
 from lcdata.rig import Rig
 from lcdata.rig_links import Link
+from lcdata.simulation.mesh import rotation
+from lcdata.simulation.poses import FORWARD
 
 Array = NDArray[np.float64]
 
@@ -106,3 +108,16 @@ def joint_offsets(arm: Arm, seed: int, std_deg: float) -> Array:
     """(n,) constant errors of the joints' zero points in radians: truth minus reading."""
     rng = np.random.default_rng([seed, crc32(b"joint offsets")])
     return np.deg2rad(rng.normal(size=len(arm.joint_names)) * std_deg)
+
+
+def car_extrinsic(seed: int) -> Array:
+    """4x4 T_camera_lidar of a car: the camera below the LiDAR on its roof, looking ahead.
+
+    It depends on the seed only: all scenarios of one seed share a car.
+    """
+    rng = np.random.default_rng([seed, crc32(b"car")])
+    T_lidar_camera = np.eye(4)
+    yaw, pitch, roll = np.deg2rad(rng.normal([0.0, 2.0, 0.0], [1.5, 1.5, 1.0]))
+    T_lidar_camera[:3, :3] = rotation(yaw, pitch, roll) @ FORWARD
+    T_lidar_camera[:3, 3] = rng.uniform([0.1, -0.3, -0.45], [0.6, 0.3, -0.1])
+    return se3.inverse(T_lidar_camera)

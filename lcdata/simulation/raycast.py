@@ -89,3 +89,8 @@ class RayCaster:
     def property_of(self, name: str) -> Float32:
         """(T,) a number of each triangle's material, such as `near_infrared`."""
         return np.array([getattr(m, name) for m in self.materials], np.float32)[self.material]
+
+    def of_kind(self, kind: str, hits: Hits) -> NDArray[np.bool_]:
+        """(N,) whether rays met a material of a kind, see `Material.kind`."""
+        wanted = np.array([m.kind == kind for m in self.materials])
+        return np.asarray(hits.hit & wanted[self.material[hits.triangle]])

@@ -74,12 +74,12 @@ def simulate(
 
     Args:
         out: The folder; made if missing.
-        scenario: One or several of parking_lot, gym, yard; each becomes one recording.
+        scenario: One or several of parking_lot, gym, yard, road; each becomes one recording.
         poses: Arm poses (dwells).
         pairs: Pairs of a scan and an image in each dwell. A few more are taken as the arm moves.
         seed: Same seed, same recording.
         format: ros1, mcap or sqlite3.
-        lidar: os1_128, os1_64 or avia.
+        lidar: os1_128, os1_64, avia or pandar_64.
         columns: Columns a turn of a spinning LiDAR: 512, 1024 or 2048; None for 2048 of the
             os1_128, 1024 of the os1_64.
         azimuth_window_deg: Sector ahead that it reports; all around for None.
@@ -252,10 +252,8 @@ def _messages(
         def write(bag: Bag) -> None:
             shot, stamp, received = shots[k], int(image_ns[k]), int(image_bag[k])
             there = schedule.blend(schedule.positions, np.array([shot.image_s]))[0]
-            scene = around(shot.pose, shot.pair)
-            bag.image(
-                stamp, received, world.picture(scene, lens, there, shot.pose, shot.pair), *image
-            )
+            scene, at = around(shot.pose, shot.pair), world.T_world_camera(there)
+            bag.image(stamp, received, world.picture(scene, lens, at, shot.pose, shot.pair), *image)
             bag.camera_info(stamp, received, lens)
 
         return write
@@ -264,8 +262,8 @@ def _messages(
         def write(bag: Bag) -> None:
             (time, pose), stamp, received = frames[k], int(frame_ns[k]), int(frame_bag[k])
             there = schedule.blend(schedule.positions, np.array([time]))[0]
-            scene = around(pose, _ON_THE_WAY)
-            picture = world.picture(scene, lens, there, pose, _ON_THE_WAY + k)
+            scene, at = around(pose, _ON_THE_WAY), world.T_world_camera(there)
+            picture = world.picture(scene, lens, at, pose, _ON_THE_WAY + k)
             bag.image(stamp, received, picture, *image)
             bag.camera_info(stamp, received, lens)
 
@@ -278,7 +276,7 @@ def _messages(
     events += [(int(image_bag[k]), picture(k)) for k in range(len(shots))]
     events += [(int(frame_bag[k]), frame(k)) for k in range(len(frames))]
     events += [(int(joint_bag[k]), joints(k)) for k in range(len(times))]
-    ouster = isinstance(sensor, Ouster)
+    ouster = type(sensor) is Ouster  # others have no frames of their own
     yield start_ns, lambda bag: bag.static_transforms(start_ns, start_ns, ouster)
     yield from sorted(events, key=lambda event: event[0])
 

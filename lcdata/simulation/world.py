@@ -34,19 +34,22 @@ class World:
     """A scenario, a rig and a seed.
 
     Args:
-        scenario: parking_lot, gym or yard.
+        scenario: parking_lot, gym, yard or road.
         seed: Fixes layout, mounts, poses and noise.
         rig: The tower as measured by hand.
+        stop: Number of the place that a car with the LiDAR has come to, each laid out on its
+            own; None for the tower, which stays.
     """
 
     scenario: str
     seed: int
     rig: Rig
+    stop: int | None = None
 
     @cached_property
     def scene(self) -> Scene:
         """What stands around the tower."""
-        return build_scene(self.scenario, self.seed)
+        return build_scene(self.scenario, self.seed, self.stop or 0)
 
     @cached_property
     def mounts(self) -> Mounts:
@@ -60,11 +63,18 @@ class World:
 
     @cached_property
     def T_world_base(self) -> Array:
-        """4x4 pose of the arm's base: the tower stands nearly upright, turned a little."""
-        rng = scenario_rng(self.seed, self.scenario, _TOWER)
+        """4x4 pose of the arm's base: the tower stands nearly upright, turned a little.
+
+        A car keeps to its lane, so what it carries is turned less.
+        """
+        later = () if self.stop is None else (1 + self.stop,)
+        rng = scenario_rng(self.seed, self.scenario, _TOWER, *later)
         T = np.eye(4)
-        yaw, pitch, roll = rng.normal(scale=np.deg2rad([6.0, 0.7, 0.7]))
+        spread_deg = [6.0, 0.7, 0.7] if self.stop is None else [1.0, 0.5, 0.5]
+        yaw, pitch, roll = rng.normal(scale=np.deg2rad(spread_deg))
         T[:3, :3] = rotation(yaw, pitch, roll)
+        if self.stop is not None:
+            T[1, 3] = rng.normal(scale=0.15)
         T[2, 3] = self.scene.base_height_m
         return T
 
@@ -79,6 +89,10 @@ class World:
         rng = scenario_rng(self.seed, self.scenario, _POSE, index)
         T_effector_camera = se3.inverse(self.mounts.T_camera_effector)
         return arm_pose(self.arm, T_effector_camera, index, start, rng)
+
+    def T_world_camera(self, positions: Array) -> Array:
+        """4x4 true pose of the camera on the arm at joint positions."""
+        return self.T_world_base @ self.T_base_camera(positions)
 
     def T_base_camera(self, positions: Array) -> Array:
         """4x4 true pose of the camera on the arm at joint positions."""
@@ -138,14 +152,10 @@ class World:
         self,
         around: RayCaster,
         camera: Camera,
-        positions: Array,
+        T_world_camera: Array,
         pose_index: int,
         pair_index: int,
-        T_camera_lidar: Array | None = None,
     ) -> NDArray[np.uint8]:
-        """One image, (H, W, 3) RGB, with the arm at joint positions, or of another camera."""
+        """One image, (H, W, 3) RGB, of a camera at a 4x4 pose."""
         rng = scenario_rng(self.seed, self.scenario, _CAMERA, pose_index, pair_index)
-        T_world_camera = self.T_world_base @ self.T_base_camera(positions)
-        if T_camera_lidar is not None:
-            T_world_camera = self.T_world_lidar @ se3.inverse(T_camera_lidar)
         return cameras.render(around, self.scene.light, camera, T_world_camera, rng)

@@ -12,6 +12,7 @@ from lcdata.simulation.livox import LASERS, MIN_RANGE_M, Avia
 from lcdata.simulation.mesh import Material, quad
 from lcdata.simulation.motion import HandMotion
 from lcdata.simulation.mounts import default_rig
+from lcdata.simulation.pandar import Pandar
 from lcdata.simulation.raycast import RayCaster
 
 WHITE = Material("#ffffff", noise=0.0)
@@ -192,3 +193,29 @@ def test_a_camera_fixed_to_the_lidar_has_the_extrinsic_that_was_asked_for():
     on_arm = render_pair("gym", seed=3, **small)
     again = render_pair("gym", seed=3, T_camera_lidar=on_arm.T_camera_lidar, **small)
     assert np.mean(again.image != on_arm.image) < 0.001
+
+
+def test_a_pandar_reports_reflectivity_whatever_the_range() -> None:
+    strengths = []
+    for distance in (5.0, 20.0):
+        corners = [[distance, y, z] for y, z in ((-9, -9), (9, -9), (9, 9), (-9, 9))]
+        plate = RayCaster(quad(*corners, Material("#808080", noise=0.0)))
+        records = make_lidar("pandar_64").scan(plate, np.eye(4), 1.0, np.random.default_rng(0))
+        ahead = (np.abs(records["y"]) < 1) & (np.abs(records["z"]) < 1) & (records["x"] > 0)
+        strengths.append(np.median(records["intensity"][ahead]))
+    grey = 255 * (128 / 255) ** 2.2
+    np.testing.assert_allclose(strengths, grey, rtol=0.05)
+
+
+def test_a_pandars_rings_are_densest_where_the_road_is() -> None:
+    pandar = make_lidar("pandar_64")
+    assert isinstance(pandar, Pandar)
+    _, direction, _, _ = pandar.beams()
+    elevation = np.rad2deg(np.arcsin(direction[:, 2])).reshape(64, 1800)
+    assert np.ptp(elevation, axis=1).max() < 1e-3
+    steps = -np.diff(elevation[:, 0])
+    assert (steps > 0).all()
+    road = (elevation[1:, 0] < -1) & (elevation[1:, 0] > -6)
+    np.testing.assert_allclose(steps[road], 1 / 6, atol=1e-3)
+    with pytest.raises(SimulationError, match="1800 columns"):
+        make_lidar("pandar_64", columns=512)

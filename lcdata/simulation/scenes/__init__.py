@@ -13,7 +13,7 @@ from lcdata.errors import SimulationError
 from lcdata.simulation.light import Light
 from lcdata.simulation.mesh import Parts
 
-SCENARIOS = ("parking_lot", "gym", "yard")
+SCENARIOS = ("parking_lot", "gym", "yard", "road")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ def scenario_rng(seed: int, scenario: str, *stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, crc32(scenario.encode()), *stream])
 
 
-def build_scene(scenario: str, seed: int) -> Scene:
-    """The scene of a scenario; every seed lays it out differently.
+def build_scene(scenario: str, seed: int, stop: int = 0) -> Scene:
+    """The scene of a scenario; every seed, and every stop of a car, lays it out differently.
 
     Raises:
         SimulationError: Unknown scenario.
@@ -51,5 +51,5 @@ def build_scene(scenario: str, seed: int) -> Scene:
             f"unknown scenario {scenario!r}", f"choose from {', '.join(SCENARIOS)}"
         )
     module = import_module(f"lcdata.simulation.scenes.{scenario}")
-    scene: Scene = module.build(scenario_rng(seed, scenario, 0))
+    scene: Scene = module.build(scenario_rng(seed, scenario, 0, *([stop] if stop else [])))
     return scene

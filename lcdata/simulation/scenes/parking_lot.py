@@ -15,33 +15,28 @@ from lcdata.simulation.mesh import (
     cylinder,
     place,
     rectangle,
-    wall,
 )
-from lcdata.simulation.scenes import Scene, props
+from lcdata.simulation.scenes import Scene, buildings, props
 
 Rng = np.random.Generator
 
-RENDER = Material("#c9bda2", noise=0.08, grain=1.5)
-CLADDING = Material("#8f9ba3", "#6a747b", TILE, (1.5, 0.9), 0.02, 0.05, 0.8, gloss=0.15)
-SHEET = Material("#7f8b8a", "#5f6968", RIB, (0.22, 1.0), noise=0.06, gloss=0.15)
-KERB = Material("#b4b1a8", "#77756f", TILE, (1.0, 0.5), 0.012, 0.15, 0.3)
 PAVING = Material("#a39c92", "#716b63", TILE, (0.4, 0.4), 0.01, 0.14, 0.6)
-DOOR = Material("#6f3b2c", "#4a261c", TILE, (0.5, 1.0), 0.02, 0.06)
 CONTAINERS = ("#2f6b8f", "#a5482d", "#4d7350", "#b89b3a")
-FACADES = (props.RED_BRICK, RENDER, props.YELLOW_BRICK, CLADDING)
 
 
 def build(rng: Rng) -> Scene:
     """The car park; facades, rows, cars and islands depend on the generator."""
     front, left, right = rng.uniform(22, 30), rng.uniform(15, 21), -rng.uniform(14, 20)
     fixed = props.ground(80.0, props.ASPHALT)
-    tones = [FACADES[i] for i in rng.permutation(4)]
-    fixed += _building(rng, (front, left + 6), -np.pi / 2, left - right + 12, tones[0])
-    fixed += _building(rng, (-14.0, left), 0.0, 30.0, tones[1])
-    fixed += _building(rng, (front * 0.9, right), np.pi, 26.0, tones[2])
-    fixed += _building(rng, (-rng.uniform(22, 28), right - 8), np.pi / 2, 40.0, tones[3])
+    tones = [buildings.FACADES[i] for i in rng.permutation(4)]
+    fixed += buildings.block(rng, (front, left + 6), -np.pi / 2, left - right + 12, tones[0])
+    fixed += buildings.block(rng, (-14.0, left), 0.0, 30.0, tones[1])
+    fixed += buildings.block(rng, (front * 0.9, right), np.pi, 26.0, tones[2])
+    fixed += buildings.block(rng, (-rng.uniform(22, 28), right - 8), np.pi / 2, 40.0, tones[3])
     fixed += rectangle(front - 2.2, right, front, left, 0.13, PAVING)
-    fixed += box((0.16, left - right - 3, 0.13), KERB, (front - 2.2, (left + right) / 2, 0))
+    fixed += box(
+        (0.16, left - right - 3, 0.13), buildings.KERB, (front - 2.2, (left + right) / 2, 0)
+    )
     trees: list[tuple[float, float, float]] = []
     fixed += _row(rng, front - 7.6, right + 3, left - 3, trees)
     fixed += _row(rng, rng.uniform(9.0, 11.0), right + 6.5, -3.6, trees)
@@ -70,45 +65,6 @@ def build(rng: Rng) -> Scene:
     return Scene("parking_lot", fixed, moving, light, rng.uniform(1.1, 1.5))
 
 
-def _building(
-    rng: Rng, corner: tuple[float, float], yaw: float, width: float, tone: Material
-) -> Parts:
-    """A block whose facade starts at `corner`: rows of windows, doors, sills, a parapet."""
-    storey, storeys = rng.uniform(3.0, 3.4), int(rng.integers(2, 4))
-    height = storey * storeys + 0.8
-    pitch, share = rng.uniform(2.6, 3.6), rng.uniform(0.45, 0.62)
-    door = int(rng.integers(1, max(2, int(width / pitch) - 1)))
-    openings = []
-    for i, x in enumerate(np.arange(0.8, width - pitch, pitch)):
-        for level in range(storeys):
-            z = storey * level + 1.0
-            if level == 0 and i % 5 == door % 5:
-                openings.append((x, 0.0, x + 1.3, 2.3))
-            elif rng.uniform() < 0.9:
-                openings.append((x, z, x + share * pitch, z + 1.45))
-    doors = [o for o in openings if o[1] == 0.0]
-    windows = [o for o in openings if o[1] > 0.0]
-    parts = wall(width, height, tone, openings, 0.2, props.GLASS)
-    frame = props.WHITE if rng.uniform() < 0.6 else props.DARK_STEEL
-    for x0, z0, x1, z1 in windows:
-        parts += box((x1 - x0 + 0.16, 0.22, 0.06), KERB, ((x0 + x1) / 2, -0.03, z0 - 0.06))
-        parts += box((0.06, 0.06, z1 - z0), frame, ((x0 + x1) / 2, 0.16, z0))
-        for x in (x0 + 0.03, x1 - 0.03):
-            parts += box((0.06, 0.06, z1 - z0), frame, (x, 0.16, z0))
-        parts += box((x1 - x0, 0.06, 0.06), frame, ((x0 + x1) / 2, 0.16, z0 + 1.0))
-    for x0, _, x1, z1 in doors:
-        parts += box((x1 - x0, 0.06, z1), DOOR, ((x0 + x1) / 2, 0.14, 0))
-        parts += box((2.4, 1.3, 0.14), props.CONCRETE, ((x0 + x1) / 2, -0.65, z1 + 0.25))
-        for x in (x0 - 0.45, x1 + 0.45):
-            parts += cylinder((x, -1.2, 0), (x, -1.2, z1 + 0.25), 0.05, props.STEEL, sides=12)
-    parts += box((width + 0.3, 0.5, 0.25), KERB, (width / 2, 0.05, height))
-    parts += box((width, 0.12, 0.5), props.CONCRETE, (width / 2, -0.02, 0.0))
-    for x in (0.3, width * 0.5, width - 0.3):
-        parts += cylinder((x, -0.08, 0), (x, -0.08, height), 0.055, props.STEEL, sides=10)
-    parts += box((width, 9.0, height - 0.1), SHEET, (width / 2, 4.8, 0))
-    return place(parts, (*corner, 0.0), yaw)
-
-
 def _row(
     rng: Rng,
     x: float,
@@ -123,7 +79,7 @@ def _row(
         parts += props.line((x, y), (x + 4.9, y), 0.11, props.PAINT)
         middle = y + 1.25
         if i % 6 == 3:
-            parts += box((4.9, 1.8, 0.15), KERB, (x + 2.5, middle, 0), top=props.GRASS)
+            parts += box((4.9, 1.8, 0.15), buildings.KERB, (x + 2.5, middle, 0), top=props.GRASS)
             if trees is not None:
                 trees.append((x + 2.5, middle, rng.uniform(3.8, 5.5)))
             parts += place(props.sign(rng), (x + 0.6, middle, 0.1))
@@ -167,10 +123,10 @@ def _street_furniture(rng: Rng, front: float, left: float, right: float) -> Part
     for x in (-1.5, 1.5):
         for y in (-0.7, 0.7):
             shelter += beam((x, y, 0), (x, y, 2.3 + 0.1 * (y > 0)), 0.08, props.DARK_STEEL)
-    shelter += box((3.4, 1.8, 0.08), SHEET, (0, 0, 2.35))
+    shelter += box((3.4, 1.8, 0.08), buildings.SHEET, (0, 0, 2.35))
     shelter += box((3.0, 0.03, 1.1), props.GLASS, (0, 0.7, 0.9))
-    shelter += box((3.0, 0.03, 0.7), CLADDING, (0, 0.7, 0.15))
-    shelter += box((1.0, 0.6, 1.15), DOOR, (-0.7, 0.2, 0))
+    shelter += box((3.0, 0.03, 0.7), buildings.CLADDING, (0, 0.7, 0.15))
+    shelter += box((1.0, 0.6, 1.15), buildings.DOOR, (-0.7, 0.2, 0))
     parts += place(shelter, (near + 0.5, right * 0.62, 0), np.pi + rng.uniform(-0.2, 0.4))
     crates = props.stack(rng, 3, props.CARDBOARD)
     return parts + place(crates, (near + rng.uniform(3, 5), left * 0.35, 0), rng.uniform(0, 3))
