@@ -28,8 +28,9 @@ from lcdata.calibrators.initial_guess import (
     guess,
 )
 from lcdata.geometry import se3
-from lcdata.simulation import SCENARIOS, render_pair
+from lcdata.simulation import render_pair
 
+SCENARIOS = ("parking_lot", "gym", "yard")
 CAMERAS = {"pinhole": None, "omnidirectional": Camera("equirectangular", 2048, 1024)}
 PAPER = {
     ("os1_64", "pinhole"): 12,

@@ -25,12 +25,12 @@ from lcdata.errors import IntegrationError  # noqa: E402
 from lcdata.geometry import se3  # noqa: E402
 from lcdata.recording import fields  # noqa: E402
 from lcdata.recording.odometry import cell_size, register, thin  # noqa: E402
-from lcdata.simulation import SCENARIOS  # noqa: E402
 from lcdata.simulation.lidars import make_lidar  # noqa: E402
 from lcdata.simulation.mounts import default_rig  # noqa: E402
 from lcdata.simulation.world import World  # noqa: E402
 
 Array = NDArray[np.float64]
+SCENARIOS = ("parking_lot", "gym", "yard")
 SCANS, SCAN_S = 30, 0.1
 VOXELS_M = (0.5, 1.0)
 """KISS-ICP's; by default a hundredth of the largest range, 1 m. At 0.2 m a scan takes seconds."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,8 +10,8 @@ import numpy as np
 import lcdata
 from lcdata.calibrators.registry import create
 from lcdata.errors import CalibrationError
-from lcdata.evaluation.pool import Crash, default_jobs, run_here, run_in_processes
 from lcdata.reproduce.experiment import Experiment, Outcome, Progress, Settings, Table
+from lcdata.reproduce.kept import run_kept
 from lcdata.reproduce.nid_scenes import COMBINATIONS
 from lcdata.reproduce.nid_trials import GOOD_DEG, GOOD_M, PICKS, Kept, Row, Task, run_task
 
@@ -41,20 +39,7 @@ def run(settings: Settings, progress: Progress | None = None) -> Outcome:
     tasks = [Task(c, (n,), settings.seed) for n in range(scenes) for c in chosen]
     if scenes > 1:
         tasks += [Task(c, tuple(range(scenes)), settings.seed) for c in chosen]
-    open_tasks = deque(t for t in tasks if (t.combination, t.scenes, t.seed) not in kept.rows)
-    jobs = default_jobs() if settings.jobs is None else settings.jobs
-    executor = run_here if jobs == 1 else partial(run_in_processes, jobs=jobs)
-    done = len(tasks) - len(open_tasks)
-    if progress:
-        progress("nid-table", done, len(tasks))
-    for item in executor(run_task, open_tasks):
-        if isinstance(item, Crash):
-            raise CalibrationError(f"scene {item.task}: {item.reason}", "use fewer --jobs")
-        kept.add(item)
-        done += 1
-        if progress:
-            progress("nid-table", done, len(tasks))
-    rows = [kept.rows[t.combination, t.scenes, t.seed] for t in tasks]
+    rows = run_kept("nid-table", tasks, kept, run_task, settings.jobs, progress)
     return _outcome(rows, chosen, scenes, settings.seed)
 
 

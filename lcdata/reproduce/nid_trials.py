@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from lcdata.calibrators.registry import create
 from lcdata.errors import CalibrationError
 from lcdata.geometry import se3
 from lcdata.pair import Pair
+from lcdata.reproduce.kept import KeptRows
 from lcdata.reproduce.nid_scenes import COMBINATIONS, scene
 
 Array = NDArray[np.float64]
@@ -73,6 +73,11 @@ class Task:
     combination: int
     scenes: tuple[int, ...]
     seed: int
+
+    @property
+    def key(self) -> tuple[int, tuple[int, ...], int]:
+        """What its row is a row of."""
+        return self.combination, self.scenes, self.seed
 
 
 def run_task(task: Task) -> Iterator[Row]:
@@ -143,25 +148,12 @@ def _errors(T: Array | None, truth: Array) -> tuple[float, float]:
     return se3.translation_error(T, truth), float(np.rad2deg(se3.rotation_error(T, truth)))
 
 
-class Kept:
-    """Rows that are done, one JSON line each, so that a run that was stopped goes on."""
+class Kept(KeptRows[Row]):
+    """Rows that are done.
+
+    Args:
+        path: Their file; None keeps none.
+    """
 
     def __init__(self, path: Path | None) -> None:
-        self.path = path
-        self.rows: dict[tuple[int, tuple[int, ...], int], Row] = {}
-        if path is not None and path.exists():
-            for line in path.read_text().splitlines():
-                try:
-                    content = json.loads(line)
-                    row = Row(**{**content, "scenes": tuple(content["scenes"])})
-                except (ValueError, TypeError, KeyError):  # half a line of a killed process
-                    continue
-                self.rows[row.key] = row
-
-    def add(self, row: Row) -> None:
-        """Keep a row, on the disk as well."""
-        self.rows[row.key] = row
-        if self.path is not None:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("a") as file:
-                file.write(json.dumps(asdict(row)) + "\n")
+        super().__init__(path, lambda line: Row(**{**line, "scenes": tuple(line["scenes"])}))

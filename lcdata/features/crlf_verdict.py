@@ -1,0 +1,178 @@
+"""Whether a pose found by lane and pole masks can be trusted. Ours, not in the paper.
+
+Three questions: do the marks and poles determine all six degrees of freedom (the covariance from
+the curvature of the agreement and the disagreement of marks and poles among themselves), do
+disjoint halves of them agree, and is there another pose that explains as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.features.crlf_refine import agreement, polished, slopes
+from lcdata.features.road_cost import class_means, flat_poses
+from lcdata.features.road_view import FINE, RoadView, Stack, in_view
+from lcdata.geometry import se3
+
+Array = NDArray[np.float64]
+
+PROBE = np.repeat([0.04, np.deg2rad(0.2)], 3)
+"""Spread of the probes of the curvature, metres then radians."""
+
+INFLATION = 2.0
+"""On the covariance: masks are wrong in ways that all their parts share."""
+
+FLOOR = np.repeat([0.01, np.deg2rad(0.05)], 3)
+"""Standard deviations that no mask is better than, metres then radians."""
+
+SIGMA_M, SIGMA_RAD = 0.04, np.deg2rad(0.2)
+"""Largest predicted standard deviations, in the worst direction, of a pose that is trusted."""
+
+HALVES_M, HALVES_RAD = 0.1, np.deg2rad(0.5)
+"""How far halves may be apart."""
+
+LEAST_PHI, LEAST_POLE = 0.25, 0.5
+"""Least correlation of lane points with the lane mask, and share of pole points in theirs."""
+
+SEEN = 10
+"""Points of a lane or pole in view for it to count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What is to be said about a pose.
+
+    Args:
+        covariance: 6x6, see `Calibration`; NaN where it cannot be told.
+        undetermined: Why the data do not determine the pose; empty if they do.
+        doubts: Why it should not be trusted.
+    """
+
+    covariance: Array
+    undetermined: list[str]
+    doubts: list[str]
+
+
+def judge(views: Sequence[RoadView], data: Stack, T: Array) -> Verdict:
+    """Judge the pose at the top of the agreement.
+
+    Args:
+        views: Of all pairs.
+        data: What was compared at last.
+        T: 4x4 pose.
+    """
+    lanes, poles = seen(views, T)
+    undetermined, doubts = [], []
+    if lanes < 2:
+        undetermined.append(f"{lanes} lanes in view, two needed")
+    if poles < 1:
+        undetermined.append("no pole in view")
+    covariance = predicted(data, T)
+    if covariance is None:
+        undetermined.append("the agreement has no top in some direction")
+        return Verdict(np.full((6, 6), np.nan), undetermined, doubts)
+    metres, radians = (
+        float(np.sqrt(np.linalg.eigvalsh(block)[-1]))
+        for block in (covariance[:3, :3], covariance[3:, 3:])
+    )
+    if metres > 10 * SIGMA_M or radians > 10 * SIGMA_RAD:
+        undetermined.append(f"uncertain by {metres:.2f} m and {np.rad2deg(radians):.1f} deg")
+    elif metres > SIGMA_M or radians > SIGMA_RAD:
+        doubts.append(f"uncertain by {metres:.3f} m and {np.rad2deg(radians):.2f} deg")
+    lane, road, pole = _means(data, T)
+    del road
+    share = agreement(data, T[None])[0] - pole
+    if share < LEAST_PHI or pole < LEAST_POLE:
+        doubts.append(
+            f"lanes fit to {share:.2f} ({LEAST_PHI} needed), poles to {pole:.2f} ({LEAST_POLE})"
+        )
+    apart_m, apart_rad = halves_apart(data, T)
+    if apart_m > HALVES_M or apart_rad > HALVES_RAD:
+        doubts.append(
+            f"halves of the marks and poles disagree by {apart_m:.3f} m and "
+            f"{np.rad2deg(apart_rad):.2f} deg"
+        )
+    del lane
+    return Verdict(covariance, undetermined, doubts)
+
+
+def seen(views: Sequence[RoadView], T: Array) -> tuple[int, int]:
+    """Lanes and poles in view, of the pair that has most of each."""
+    lanes = poles = 0
+    for view in views:
+        cloud = view.cloud
+        along = np.abs(_run(cloud.lane_lines) @ cloud.R_ground_lidar[0]) > 0.9
+        inside = in_view(view, cloud.lanes, T[None], 0.0)
+        count = np.bincount(cloud.lane_of[inside], minlength=len(cloud.lane_lines))
+        lanes = max(lanes, int(np.count_nonzero((count >= SEEN) & along)))
+        inside = in_view(view, cloud.poles, T[None], 0.0)
+        count = np.bincount(cloud.pole_of[inside], minlength=len(cloud.pole_lines))
+        poles = max(poles, int(np.count_nonzero(count >= SEEN // 2)))
+    return lanes, poles
+
+
+def _run(segments: Array) -> Array:
+    run = segments[:, 1] - segments[:, 0]
+    return np.asarray(run / np.maximum(np.linalg.norm(run, axis=1, keepdims=True), 1e-9))
+
+
+def _means(data: Stack, T: Array) -> Array:
+    """(3,) mean of the fine maps under lanes, road and poles, over pairs."""
+    arrays = (data.points, data.start, data.maps[FINE], data.place, data.shape, data.intrinsics)
+    return np.asarray(class_means(flat_poses(T), *arrays, True, 1)[0].mean(0))
+
+
+def predicted(data: Stack, T: Array) -> Array | None:
+    """6x6 covariance; None where the agreement is not curved downwards in every direction.
+
+    With curvature H and slopes g of the marks and poles, which cancel at the top, a sample of
+    other marks and poles would have its top at H^-1 sum(g) off: covariance H^-1 (sum g g^T) H^-1.
+    """
+    H = curvature(data, T)
+    if H is None:
+        return None
+    gradients = slopes(data, T)[1]
+    inverse = np.linalg.inv(H)
+    covariance = INFLATION * inverse @ (gradients.T @ gradients) @ inverse + np.diag(FLOOR**2)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def curvature(data: Stack, T: Array, probes: int = 32) -> Array | None:
+    """(6, 6) negative Hessian that explains best how slopes change around a pose."""
+    from scipy.stats import qmc
+
+    places = np.sqrt(3.0) * (2.0 * qmc.Sobol(6, rng=0).random(probes) - 1.0)
+    changes = np.empty((probes, 6))
+    for place, change in zip(places, changes, strict=True):
+        ahead, back = (
+            slopes(data, se3.exp(sign * place * PROBE) @ T)[1].sum(0) for sign in (1.0, -1.0)
+        )
+        change[:] = -0.5 * (ahead - back) * PROBE
+    H = np.linalg.lstsq(places, changes, rcond=None)[0]
+    H = 0.5 * (H + H.T)
+    values = np.linalg.eigvalsh(H)
+    if values[0] <= 1e-3 * max(values[-1], 0.0) or values[-1] <= 0.0:
+        return None
+    return np.asarray(H / np.outer(PROBE, PROBE))
+
+
+def halves_apart(data: Stack, T: Array) -> tuple[float, float]:
+    """Metres and radians between the tops of two disjoint halves of the marks and poles."""
+    poses = [polished(_half(data, odd), T) for odd in (0, 1)]
+    return se3.translation_error(*poses), se3.rotation_error(*poses)
+
+
+def _half(data: Stack, odd: int) -> Stack:
+    """Every other group, all of its points."""
+    kept = data.group % 2 == odd
+    before = np.concatenate([[0], np.cumsum(kept)])
+    return replace(
+        data,
+        points=np.ascontiguousarray(data.points[kept]),
+        group=data.group[kept],
+        start=np.asarray(before[data.start], np.int64),
+    )
