@@ -63,7 +63,7 @@ def read_cloud(path: Path) -> CloudFile:
                 f"{path} has {len(records)} points, its header says {width}x{height}",
                 "write it again",
             )
-        return CloudFile(_native(records), height, width)
+        return CloudFile(_native(records, path), height, width)
     except MessageError:
         raise
     except (OSError, ValueError, LookupError, TypeError, RuntimeError, EOFError) as error:
@@ -162,7 +162,7 @@ def _ply(path: Path) -> CloudFile:
     return _row(records.astype(dtype.newbyteorder("=")))
 
 
-def _native(records: NDArray[Any]) -> NDArray[np.void]:
+def _native(records: NDArray[Any], path: Path) -> NDArray[np.void]:
     """Records without padding, in this machine's byte order, of types that a PCD can have.
 
     Raises:
@@ -174,7 +174,7 @@ def _native(records: NDArray[Any]) -> NDArray[np.void]:
     for name in kept:
         base, shape = dtype[name].base, dtype[name].shape
         if base.kind not in "fiub":
-            raise MessageError(f"field {name} is of type {base}, no number", "leave it out")
+            raise MessageError(f"{path}: field {name} is of type {base}, no number", "leave it out")
         if base.kind == "f" and base.itemsize not in (4, 8):
             base = np.dtype("f4" if base.itemsize < 4 else "f8")
         fields.append((name, base.newbyteorder("="), shape))

@@ -84,8 +84,8 @@ def items_of(
     items: list[Item | Lost] = []
     for number, (name, image, cloud) in enumerate(named):
         if image is None or cloud is None:
-            there, lacking = (image, "cloud") if image else (cloud, "image")
-            items.append(Lost(name, f"{there}: there is no {lacking} of this name"))
+            there, lacking = ("an image", "cloud") if image else ("a cloud", "image")
+            items.append(Lost(name, f"there is {there} of this name, but no {lacking}"))
             continue
         stamp = number * STEP_NS if stamps is None else stamps[number]
         beside = files.masks_of(folder, files.stem(image), alone=alone, masks=masks)

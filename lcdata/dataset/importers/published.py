@@ -192,7 +192,7 @@ def list_pairs(importer: Importer, choice: Choice) -> Listing:
         kept = replace(kept, items=tuple(_in_time(item, kept.tolerance_ms) for item in kept.items))
         kept, unusable = _with_usable_masks(kept)
         lost = [item for item in kept.items if isinstance(item, Lost)]
-        listing.failures |= {f"{kept.name}: {item.name}": item.reason for item in lost}
+        listing.failures |= {f"{kept.name}/{item.name}": item.reason for item in lost}
         listing.failures |= unusable
         if kept.pairs:
             listing.scenarios.append(kept)
@@ -233,7 +233,7 @@ def _with_usable_masks(scenario: Published) -> tuple[Published, dict[str, str]]:
         fitting = item
         if isinstance(item, Item) and item.mask_files:
             found = {file: problem for file in item.mask_files if (problem := misfit(file, size))}
-            label = f"{scenario.name}: {item.name}: its mask"
+            label = f"{scenario.name}/{item.name}: its mask"
             problems |= {f"{label} {file.name}": problem for file, problem in found.items()}
             left = tuple(file for file in item.mask_files if file not in found)
             one = isinstance(item.masks, Path) and left
