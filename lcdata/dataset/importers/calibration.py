@@ -17,6 +17,9 @@ from lcdata.geometry.camera import Camera
 
 Array = NDArray[np.float64]
 
+FARTHEST = 1e6
+"""No element of a transform between two sensors is larger (metres)."""
+
 SKEW_PX = 1e-3
 """What a published K may have off its diagonal by rounding."""
 
@@ -118,6 +121,8 @@ def rigid(values: ArrayLike, what: str) -> Array:
     if T.size not in (12, 16):
         shape = "x".join(map(str, T.shape)) or "1"
         raise SourceError(f"{what} has {shape} values", "give 4x4 or 3x4")
+    if np.abs(T).max() > FARTHEST:
+        raise SourceError(f"{what} has a value of {np.abs(T).max():.3g}", "give metres")
     T = T.reshape(-1, 4)
     try:
         return se3.check_transform(T if len(T) == 4 else np.vstack([T, [0, 0, 0, 1]]), what)

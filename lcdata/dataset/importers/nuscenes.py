@@ -84,7 +84,7 @@ class NuScenes:
         name = str(scene["name"])
         items: list[Item | Lost] = []
         camera: tuple[Size, Intrinsics] | None = None
-        for sample in sorted(samples, key=lambda row: int(row.get("timestamp", 0))):
+        for sample in sorted(samples, key=lambda row: _integer(row, "timestamp")):
             try:
                 rows = (_of_sample(keyframes, sample, channel) for channel in (self.camera, LIDAR))
                 item, its_camera = self._item(*rows)
@@ -126,7 +126,8 @@ class NuScenes:
                     f"{tables.path('sample_data')}: file {file} of {row['token']} is not there",
                     "unpack all archives of the version into one folder",
                 )
-        stamps = [_stamp(row, tables.path("sample_data")) for row in (image, scan)]
+        # microseconds in the tables
+        stamps = [_integer(row, "timestamp") * 1000 for row in (image, scan)]
         item = Item(
             name=str(stamps[0] // 1000),
             image=files[0],
@@ -137,7 +138,7 @@ class NuScenes:
             T_moved=se3.inverse(T_ego_lidar) @ T_image_scan @ T_ego_lidar,
         )
         where = f"{tables.path('calibrated_sensor')}: camera_intrinsic of {of_camera['token']}"
-        size = int(image.get("width") or 0), int(image.get("height") or 0)
+        size = _integer(image, "width"), _integer(image, "height")
         return item, (size, intrinsics_of(of_camera.get("camera_intrinsic", ()), where))
 
 
@@ -262,9 +263,13 @@ def _of_sample(keyframes: dict[tuple[str, str], Row], sample: Row, channel: str)
     return row
 
 
-def _stamp(row: Row, path: Path) -> int:
-    """Stamp in ns of a row, whose own is in microseconds."""
-    stamp = row.get("timestamp")
-    if not isinstance(stamp, int):
-        raise SourceError(f"{path}: timestamp of {row['token']} is {stamp!r}", "give microseconds")
-    return stamp * 1000
+def _integer(row: Row, key: str) -> int:
+    """A whole number of a row.
+
+    Raises:
+        SourceError: It has none, or one that no clock and no image has.
+    """
+    value = row.get(key)
+    if not isinstance(value, int) or not 0 <= value < 1 << 53:
+        raise SourceError(f"{key} of {row['token']} is {value!r}", "take the published tables")
+    return value

@@ -76,7 +76,7 @@ def scenario_entries(
             lidar_frame=scenario.lidar,
             camera_frame=scenario.image,
             warnings=(
-                *scenario.warnings,
+                *(w.encode(errors="backslashreplace").decode() for w in scenario.warnings),
                 *_doubts(out, records[first[scenario.name].pair_id], first[scenario.name]),
             ),
         )

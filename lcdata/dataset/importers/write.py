@@ -96,7 +96,9 @@ def import_dataset(
                 progress(f"importing {importer.format}", count, len(plan))
 
         unusable = write_each(jobs(), journal, records, done)
-        failures = grouped(importer.source, listing.failures | unusable)
+        lines = grouped(importer.source, listing.failures | unusable)
+        # names of files need not be UTF-8, what dataset.json says must be
+        failures = [line.encode(errors="backslashreplace").decode() for line in lines]
         if not records:
             journal.abandon()
             raise nothing_taken(importer.source, [], failures)
@@ -117,11 +119,17 @@ def import_dataset(
 def _check_names(importer: Importer, listing: Listing) -> None:
     """Refuse scenarios whose names a data set needs for itself."""
     for name in (scenario.name for scenario in listing.scenarios):
-        if name in RESERVED or name.startswith(".") or "/" in name:
+        if name in RESERVED or name.startswith(".") or "/" in name or not name:
             raise SourceError(
                 f"{importer.source} would be scenario {name!r}, a name that a data set uses itself",
                 "rename the folder",
             )
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise SourceError(
+                f"{name!a}: its name is not UTF-8", "rename the folder: it names the scenario"
+            ) from error
 
 
 def _with_covariance(listing: Listing, covariance: Array) -> Listing:
@@ -202,7 +210,8 @@ def _describe(importer: Importer, scenario: Published) -> dict[str, Any]:
     camera = scenario.camera
     digest.update(repr((camera, scenario.image, scenario.lidar, scenario.tolerance_ms)).encode())
     for item in scenario.pairs:
-        digest.update(f"{item.name} {item.stamp_lidar_ns} {item.stamp_image_ns}\n".encode())
+        line = f"{item.name} {item.stamp_lidar_ns} {item.stamp_image_ns}\n"
+        digest.update(line.encode(errors="surrogateescape"))
         for matrix in (item.T_camera_lidar, covariance_of_item(item), item.T_moved):
             digest.update(b"" if matrix is None else np.ascontiguousarray(matrix).tobytes())
     files = [*scenario.calibration, *(file for item in scenario.pairs for file in item.files)]
@@ -210,7 +219,7 @@ def _describe(importer: Importer, scenario: Published) -> dict[str, Any]:
     for file in files:
         size, ends = _ends(file)
         total += size
-        digest.update(f"{file.name} {size}\n".encode() + ends)
+        digest.update(f"{file.name} {size}\n".encode(errors="surrogateescape") + ends)
     return {
         "scenario": scenario.name,
         "name": importer.source.resolve().name,

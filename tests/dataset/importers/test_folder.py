@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -268,3 +269,19 @@ def test_fields_of_a_cloud_are_kept(tmp_path: Path) -> None:
     assert records.dtype.descr == dtype
     np.testing.assert_array_equal(records, values.reshape(-1))
     assert any("no intensity" in warning for warning in made.warnings)
+
+
+def test_names_that_are_no_utf_8_are_names_too(tmp_path: Path) -> None:
+    root = tmp_path / "road"
+    layouts.folder_of_pairs(root, 2)
+    for suffix in (b".png", b".pcd"):
+        file = root / f"000001{suffix.decode()}"
+        file.rename(root / os.fsdecode(b"a \xff b" + suffix))
+    layouts.image(root / os.fsdecode(b"\xfe.png"))
+    made = import_dataset(Folder(root), tmp_path / "out")
+    assert [r.pair_id for r in made.dataset.pairs] == [
+        "road/pose_000/000000",
+        "road/pose_000/a___b",
+    ]
+    assert "udcfe: there is an image of this name, but no cloud" in made.failures[0]
+    assert validate(tmp_path / "out") == []
