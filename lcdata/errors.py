@@ -52,6 +52,10 @@ class IntegrationError(RecordingError):
     """Scans that cannot be brought together into one cloud."""
 
 
+class SourceError(LcdataError):
+    """Published data that is not what its format says, or not all there."""
+
+
 class DatasetError(LcdataError):
     """A data set that is missing, damaged, of another version or in the way."""
 

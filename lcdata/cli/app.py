@@ -12,6 +12,7 @@ from lcdata.cli import (
     calibrate,
     groundtruth,
     handeye,
+    import_,
     info,
     pick,
     report,
@@ -70,4 +71,5 @@ COMMANDS = (
 for module in COMMANDS:
     name = module.__name__.rpartition(".")[2]
     app.command(name, epilog=f"Example:  {module.EXAMPLE}")(getattr(module, name))
+app.add_typer(import_.app)
 app.add_typer(arm.app)

@@ -58,7 +58,7 @@ def guarded(command: Callable[P, R]) -> Callable[P, R]:
             fail(describe_os_error(error))
         except MemoryError:
             fail("out of memory: use fewer --jobs")
-        except typer.Exit:
+        except (typer.Exit, typer.BadParameter):
             raise
         except Exception as error:  # the last line of defence: a person sees one line
             detail = (str(error).strip().splitlines() or [""])[0]

@@ -30,8 +30,10 @@ RESERVED = (
     schema.REVIEW,
     schema.GROUNDTRUTH,
     schema.PICKS,
+    schema.MASKS,
     NAME,
 )
+"""Names in a data set's folder that are no scenario's."""
 
 
 SHOWN_FAILURES = 4
@@ -101,7 +103,7 @@ def build(
         "arm": describe_arm(used.arm.model, arm) if arm else None,
         "pairs_per_pose": pairs_per_pose,
     }
-    if not force and (complete := _already_built(out, what)):
+    if not force and (complete := already_built(out, what)):
         return complete
     with Journal.open(out, what, force=force) as journal:
         parts: dict[str, Part] = {}
@@ -128,7 +130,7 @@ def build(
         pairs = [pair for part in parts.values() for pair in part.pairs]
         if not pairs:
             journal.abandon()
-            raise _nothing(recordings, errors, failures)
+            raise nothing_taken(recordings, errors, failures)
         taken = {pair.pose_id for pair in pairs}
         poses = [p for part in parts.values() for p in part.poses if p.pose_id in taken]
         info = DatasetInfo(
@@ -147,7 +149,7 @@ def build(
     return BuildSummary.of(Dataset.open(out))
 
 
-def _already_built(out: Path, what: dict[str, Any]) -> BuildSummary | None:
+def already_built(out: Path, what: dict[str, Any]) -> BuildSummary | None:
     """The data set in `out`, if it is complete and of the same recordings, rig and options."""
     if not (out / schema.INFO).is_file():
         return None
@@ -166,7 +168,7 @@ def _already_built(out: Path, what: dict[str, Any]) -> BuildSummary | None:
     return BuildSummary.of(dataset)
 
 
-def _nothing(
+def nothing_taken(
     recordings: Path, errors: Sequence[LcdataError], failures: Sequence[str]
 ) -> LcdataError:
     """Why there is no data set: the only recording's error, or all of them."""

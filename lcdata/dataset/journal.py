@@ -171,9 +171,13 @@ def clear(folder: Path) -> None:
     """
     if (folder / schema.INFO).exists():
         (folder / schema.INFO).replace(folder / REPLACED)
-    names = _scenarios(folder / REPLACED) | _scenarios(folder / NAME)
-    for name in (*sorted(names), schema.RESULTS, schema.REPORT, schema.GROUNDTRUTH):
+    sources = _sources(folder / REPLACED) | _sources(folder / NAME)
+    # an import's own masks only: those of other data sets are a person's work
+    masks = [f"{schema.MASKS}/{name}" for name in sources if sources[name].get("masks")]
+    for name in (*sorted(sources), *masks, schema.RESULTS, schema.REPORT, schema.GROUNDTRUTH):
         shutil.rmtree(folder / name, ignore_errors=True)
+    with suppress(OSError):  # not there, or not empty
+        (folder / schema.MASKS).rmdir()
     for name in (schema.PAIRS, schema.POSES, schema.REVIEW, REPLACED):
         (folder / name).unlink(missing_ok=True)
 
@@ -191,12 +195,12 @@ def _parsed(line: bytes) -> dict[str, Any] | None:
     return content if isinstance(content, dict) else None
 
 
-def _scenarios(path: Path) -> set[str]:
-    """Names of the recordings that dataset.json or a journal speaks of; none if damaged."""
+def _sources(path: Path) -> dict[str, dict[str, Any]]:
+    """Sources that dataset.json or a journal speaks of, by scenario; none if damaged."""
     try:
         text = path.read_bytes()
         content = json.loads(text.split(b"\n")[0] if path.name == NAME else text)
-        names = {str(source["scenario"]) for source in content["sources"]}
+        found = {str(source["scenario"]): dict(source) for source in content["sources"]}
     except (OSError, ValueError, KeyError, TypeError):
-        return set()
-    return {name for name in names if name not in {"", ".", ".."} and "/" not in name}
+        return {}
+    return {name: s for name, s in found.items() if name not in {"", ".", ".."} and "/" not in name}

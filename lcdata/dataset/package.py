@@ -12,7 +12,8 @@ import numpy as np
 
 from lcdata.arm import Arm
 from lcdata.dataset.journal import Journal
-from lcdata.dataset.packing import grouped, write_pairs
+from lcdata.dataset.packing import write_pairs
+from lcdata.dataset.pair_jobs import grouped
 from lcdata.dataset.schema import PairRecord, PoseRecord, Scenario
 from lcdata.errors import ArmError, GeometryError, RecordingError
 from lcdata.geometry.camera import Camera

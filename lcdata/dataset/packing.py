@@ -1,21 +1,15 @@
-"""Pairs of one recording onto the disk.
-
-The main thread reads, two others write: checksums, PNG encoding and the wait for the disk do
-not stop the reading. Few pairs are under way at a time, which bounds the memory.
-"""
+"""Pairs of one recording onto the disk."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 from lcdata.dataset.journal import Journal
+from lcdata.dataset.pair_jobs import finished, grouped, write_each
 from lcdata.dataset.schema import PairRecord
-from lcdata.dataset.validate import checksum
 from lcdata.dataset.writer import write_cloud, write_image
 from lcdata.errors import MessageError
 from lcdata.geometry.camera import Camera
@@ -24,11 +18,6 @@ from lcdata.recording.plan import PosePlan, RecordedPair, stream_pairs
 from lcdata.recording.source import Recording
 from lcdata.recording.topics import Topics
 from lcdata.rig import Rig
-
-WRITERS = 2
-UNDER_WAY = 4
-NAMED = 5
-"""How many pairs or poses a line names that have failed for the same reason."""
 
 
 def write_pairs(
@@ -64,28 +53,8 @@ def write_pairs(
         for plan in plans
         for number in range(len(plan.lidar_ns))
     }
-    records = {
-        pair_id: record
-        for pair_id, record in journal.finished.items()
-        if planned.get(pair_id) == (record.stamp_lidar_ns, record.stamp_image_ns)
-        and is_whole(journal.folder, record)
-    }
-    unusable: dict[str, str] = {}
+    records = finished(planned, journal)
     lost = set(planned) - set(records)
-    under_way: deque[tuple[str, Future[PairRecord]]] = deque()
-
-    def collect() -> None:
-        pair_id, future = under_way.popleft()
-        try:
-            records[pair_id] = future.result()
-            journal.add(records[pair_id])
-        except MessageError as error:
-            unusable[pair_id] = str(error)
-        if progress:
-            progress(stage, len(records) + len(unusable), len(planned))
-
-    if progress:
-        progress(stage, len(records), len(planned))
     merger = None
     pairs: Iterable[RecordedPair] = ()
     if lost and rig.integration is not None and rig.integration.mode != "none":
@@ -94,38 +63,20 @@ def write_pairs(
         pairs = merger.pairs(plans, records, registering)
     elif lost:
         pairs = stream_pairs(recording, topics, plans, skip=records)
-    pool = ThreadPoolExecutor(WRITERS, thread_name_prefix="lcdata-write")
-    try:
+
+    def jobs() -> Iterator[tuple[str, Callable[[], PairRecord]]]:
         for pair in pairs:
             lost.discard(pair.pair_id)
-            future = pool.submit(write_pair, journal.folder, pair, topics, camera)
-            under_way.append((pair.pair_id, future))
-            if len(under_way) >= UNDER_WAY:
-                collect()
-        while under_way:
-            collect()
-    finally:  # also on Ctrl-C: what has begun is completed, nothing is begun any more
-        pool.shutdown(cancel_futures=True)
+            yield pair.pair_id, partial(write_pair, journal.folder, pair, topics, camera)
+
+    def done(count: int) -> None:
+        if progress:
+            progress(stage, count, len(planned))
+
+    unusable = write_each(jobs(), journal, records, done)
     unusable |= dict.fromkeys(sorted(lost), "its messages cannot be read")
     unusable |= merger.failures if merger else {}
     return list(records.values()), grouped(recording.path, unusable)
-
-
-def grouped(path: Path, reasons: Mapping[str, str]) -> list[str]:
-    """A line for each reason, with the first few of those whom it concerns.
-
-    Args:
-        path: The recording.
-        reasons: Reason by pair or pose.
-    """
-    concerned: dict[str, list[str]] = {}
-    for name, reason in reasons.items():
-        concerned.setdefault(reason, []).append(name)
-    return [
-        f"{path}: {', '.join(names[:NAMED])}"
-        f"{f' and {len(names) - NAMED} more' if len(names) > NAMED else ''}: {reason}"
-        for reason, names in concerned.items()
-    ]
 
 
 def write_pair(folder: Path, pair: RecordedPair, topics: Topics, camera: Camera) -> PairRecord:
@@ -171,11 +122,3 @@ def _about(topic: str) -> Iterator[None]:
         yield
     except MessageError as error:
         raise MessageError(f"topic {topic}: {error.message}", error.remedy) from error
-
-
-def is_whole(folder: Path, record: PairRecord) -> bool:
-    """Whether both files of a pair are there and unchanged."""
-    return (
-        checksum(folder / record.image) == record.image_sha256
-        and checksum(folder / record.cloud) == record.cloud_sha256
-    )

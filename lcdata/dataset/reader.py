@@ -172,7 +172,8 @@ def read_info(path: Path) -> DatasetInfo:
     if not file.is_file():
         if (path / journal.NAME).is_file():
             raise DatasetError(
-                f"{path}: its build has not finished", "run the same `lcdata build` again"
+                f"{path}: its build has not finished",
+                "run the same `lcdata build` or `lcdata import` again",
             )
         missing = "no such folder" if not path.exists() else f"no {schema.INFO} in it"
         raise DatasetError(

@@ -5,6 +5,7 @@
     poses.parquet     one row an arm pose with its ground truth
     groundtruth/      poses.parquet of every version, once there is more than one; the arm's
                       URDF, where the package does not have it
+    masks/            masks that an import found beside images, by pair_id
 
 Transforms are stored as x y z (m) qx qy qz qw, covariances as 36 numbers, row by row,
 translation before rotation.
@@ -38,6 +39,7 @@ INFO, PAIRS, POSES = "dataset.json", "pairs.parquet", "poses.parquet"
 RESULTS, REPORT, REVIEW = "results", "report", "review.rrd"
 GROUNDTRUTH = "groundtruth"
 PICKS = "picks"
+MASKS = "masks"
 
 LINKS = ("T_camera_effector", "T_effector_base", "T_base_lidar")
 

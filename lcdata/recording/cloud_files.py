@@ -1,4 +1,4 @@
-"""Clouds from files: PCD, PLY, KITTI's .bin and NumPy's .npy."""
+"""Clouds from files: PCD, PLY, NumPy's .npy, and the .bin of KITTI and of nuScenes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,15 @@ from numpy.typing import NDArray
 from lcdata.errors import MessageError
 
 XYZI = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+
+XYZI_RING = np.dtype([*XYZI.descr, ("ring", "<f4")])
+"""A point of nuScenes: its ring is a whole number, written as a float."""
+
+RINGS = 256
+"""No LiDAR has more."""
+
+PADDING = "#$%&~~"
+"""How pypcd4 begins the names that it makes for the padding of a PCD's points."""
 
 PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -48,7 +57,13 @@ def read_cloud(path: Path) -> CloudFile:
         MessageError: Unreadable, damaged, or an array that is no cloud.
     """
     try:
-        return READERS[path.suffix.lower()](path)
+        records, height, width = READERS[path.suffix.lower()](path)
+        if len(records) != height * width:
+            raise MessageError(
+                f"{path} has {len(records)} points, its header says {width}x{height}",
+                "write it again",
+            )
+        return CloudFile(_native(records, path), height, width)
     except MessageError:
         raise
     except (OSError, ValueError, LookupError, TypeError, RuntimeError, EOFError) as error:
@@ -64,13 +79,35 @@ def _pcd(path: Path) -> CloudFile:
 
 
 def _bin(path: Path) -> CloudFile:
+    """Four floats a point (KITTI), or five (nuScenes), which only the numbers can tell apart."""
     data = path.read_bytes()
-    if len(data) % XYZI.itemsize:
+    four, five = (len(data) % dtype.itemsize == 0 for dtype in (XYZI, XYZI_RING))
+    if path.name.lower().endswith(".pcd.bin"):  # as nuScenes calls its files
+        four = False
+    if five and (not four or _is_ring(np.frombuffer(data, XYZI_RING)["ring"])):
+        records = np.frombuffer(data, XYZI_RING)
+        if not _is_ring(records["ring"]):
+            return _row(_renamed(records, "ring", "column_5"))
+        return _row(records.astype([*XYZI.descr, ("ring", "<u2")]))
+    if not four:
         raise MessageError(
-            f"{path} has {len(data)} bytes, no multiple of {XYZI.itemsize}",
-            "KITTI's clouds are x y z intensity in float32; write others as PCD or PLY",
+            f"{path} has {len(data)} bytes, no multiple of {XYZI.itemsize} or {XYZI_RING.itemsize}",
+            "clouds are x y z intensity in float32 as KITTI's, or with a ring as nuScenes'; write "
+            "others as PCD or PLY",
         )
     return _row(np.frombuffer(data, XYZI))
+
+
+def _is_ring(values: NDArray[Any]) -> bool:
+    """Whether numbers count rings."""
+    return bool(len(values)) and bool(
+        ((values >= 0) & (values < RINGS) & (values == np.floor(values))).all()
+    )
+
+
+def _renamed(records: NDArray[Any], old: str, new: str) -> NDArray[Any]:
+    names = [new if name == old else name for name in records.dtype.names or ()]
+    return records.view([(n, records.dtype[i]) for i, n in enumerate(names)])
 
 
 def _npy(path: Path) -> CloudFile:
@@ -79,15 +116,18 @@ def _npy(path: Path) -> CloudFile:
         records = array.reshape(-1)
         height, width = array.shape if array.ndim == 2 else (1, array.size)
         return CloudFile(records, height, width)
-    if array.ndim not in (2, 3) or array.shape[-1] not in (3, 4):
+    columns = array.shape[-1] if array.ndim in (2, 3) else 0
+    if not 3 <= columns <= 5:
         raise MessageError(
             f"{path} is an array of shape {array.shape}",
-            "give (N, 3) or (N, 4), or (rings, columns, 3 or 4): x y z and intensity",
+            "give (N, 3) to (N, 5), or (rings, columns, 3 to 5): x y z, intensity, ring",
         )
     height, width = array.shape[:2] if array.ndim == 3 else (1, len(array))
-    flat = array.reshape(-1, array.shape[-1]).astype("<f4")
-    dtype = np.dtype(XYZI.descr[: flat.shape[1]])
-    return CloudFile(np.ascontiguousarray(flat).view(dtype).reshape(-1), height, width)
+    flat = np.ascontiguousarray(array.reshape(-1, columns), "<f4")
+    records = flat.view(np.dtype(XYZI_RING.descr[:columns])).reshape(-1)
+    if columns == 5 and not _is_ring(records["ring"]):
+        records = _renamed(records, "ring", "column_5")
+    return CloudFile(records, height, width)
 
 
 def _ply(path: Path) -> CloudFile:
@@ -97,7 +137,8 @@ def _ply(path: Path) -> CloudFile:
     if not data.startswith(b"ply") or not mark:
         raise MessageError(f"{path} has no PLY header", "write it again")
     body = body[body.index(b"\n") + 1 :]
-    order, count, element, fields = "", 0, "", []
+    fields: list[tuple[str, str]] = []
+    order, count, element = "", 0, ""
     for words in (line.split() for line in head.decode("ascii", "replace").splitlines()):
         if words[:1] == ["format"]:
             order = PLY_ORDERS[words[1]]
@@ -108,7 +149,10 @@ def _ply(path: Path) -> CloudFile:
             element = words[1]
             count = int(words[2]) if element == "vertex" else count
         elif words[:1] == ["property"] and element == "vertex":
-            fields.append((words[2], order + PLY_TYPES[words[1]]))
+            # CloudCompare exports every field but the coordinates as scalar_...
+            name = words[2].removeprefix("scalar_")
+            taken = any(name == other for other, _ in fields)
+            fields.append((words[2] if taken else name, order + PLY_TYPES[words[1]]))
     dtype = np.dtype(fields)
     if text:
         lines = body.decode().splitlines()[:count]
@@ -116,6 +160,31 @@ def _ply(path: Path) -> CloudFile:
         return _row(np.array(rows, dtype))
     records = np.frombuffer(body, dtype, count)
     return _row(records.astype(dtype.newbyteorder("=")))
+
+
+def _native(records: NDArray[Any], path: Path) -> NDArray[np.void]:
+    """Records without padding, in this machine's byte order, of types that a PCD can have.
+
+    Raises:
+        MessageError: Fields that are no numbers.
+    """
+    dtype = records.dtype
+    kept = [name for name in dtype.names or () if not name.startswith(PADDING)]
+    fields = []
+    for name in kept:
+        base, shape = dtype[name].base, dtype[name].shape
+        if base.kind not in "fiub":
+            raise MessageError(f"{path}: field {name} is of type {base}, no number", "leave it out")
+        if base.kind == "f" and base.itemsize not in (4, 8):
+            base = np.dtype("f4" if base.itemsize < 4 else "f8")
+        fields.append((name, base.newbyteorder("="), shape))
+    packed = np.dtype(fields)
+    if packed == dtype:
+        return records
+    result = np.empty(len(records), packed)
+    for name in kept:
+        result[name] = records[name]
+    return result
 
 
 def _row(records: NDArray[Any]) -> CloudFile:

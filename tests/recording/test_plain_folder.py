@@ -79,6 +79,55 @@ def test_clouds_of_every_kind_have_their_points_and_intensity(tmp_path: Path, na
         np.testing.assert_array_equal(records[field], POINTS[:, i])
 
 
+def test_clouds_of_nuscenes_have_rings(tmp_path: Path) -> None:
+    rings = np.arange(50, dtype="<f4")[:, None] % 32
+    for name in ("a.pcd.bin", "a.bin"):  # 50 points: as many bytes as 62.5 of KITTI's
+        (tmp_path / name).write_bytes(np.hstack([POINTS, rings]).tobytes())
+        records, _, _ = read_cloud(tmp_path / name)
+        np.testing.assert_array_equal(records["intensity"], POINTS[:, 3])
+        np.testing.assert_array_equal(records["ring"], rings[:, 0])
+    # 48 points are as many bytes as 60 of KITTI's, and the other way round
+    (tmp_path / "b.bin").write_bytes(np.hstack([POINTS, rings])[:48].tobytes())
+    assert read_cloud(tmp_path / "b.bin").records.dtype.names[-1] == "ring"
+    (tmp_path / "c.bin").write_bytes(np.tile(POINTS, (2, 1))[:60].tobytes())
+    assert read_cloud(tmp_path / "c.bin").records.dtype.names[-1] == "intensity"
+    np.save(tmp_path / "d.npy", np.hstack([POINTS, rings]))
+    assert read_cloud(tmp_path / "d.npy").records.dtype.names[-1] == "ring"
+    np.save(tmp_path / "e.npy", np.hstack([POINTS, rings + 0.5]))
+    assert read_cloud(tmp_path / "e.npy").records.dtype.names[-1] == "column_5"
+
+
+def test_padding_and_foreign_byte_order_are_left_out(tmp_path: Path) -> None:
+    padded = np.dtype(
+        [
+            ("x", "f4"),
+            ("y", "f4"),
+            ("z", "f4"),
+            ("pad", "u1", 4),
+            ("intensity", "f4"),
+            ("tail", "u1", 3),
+        ]
+    )
+    values = np.zeros(50, padded)
+    for i, name in enumerate(("x", "y", "z", "intensity")):
+        values[name] = POINTS[:, i]
+    header = (
+        "VERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\n"
+        "COUNT 1 1 1 4 1 3\nWIDTH 50\nHEIGHT 1\nPOINTS 50\nDATA binary\n"
+    )
+    (tmp_path / "a.pcd").write_bytes(header.encode() + values.tobytes())
+    np.save(
+        tmp_path / "b.npy",
+        values[["x", "y", "z", "intensity"]].astype(
+            padded[["x", "y", "z", "intensity"]].newbyteorder(">")
+        ),
+    )
+    for name in ("a.pcd", "b.npy"):
+        records, _, _ = read_cloud(tmp_path / name)
+        assert records.dtype == np.dtype([(n, "f4") for n in ("x", "y", "z", "intensity")])
+        np.testing.assert_array_equal(records["intensity"], POINTS[:, 3])
+
+
 def test_damaged_clouds_are_named(tmp_path: Path) -> None:
     for name, content in {
         "a.bin": b"123",
