@@ -138,7 +138,9 @@ def opencalib(
 @app.command("folder", epilog="Example:  lcdata import folder ../shared/data/kitti_road -o kitti")
 @guarded
 def folder(
-    source: Annotated[Path, _source("Images, clouds, and one JSON with K, D, T_camera_lidar.")],
+    source: Annotated[
+        Path, _source("Images, clouds, one JSON with K, D, T_camera_lidar; or folders of such.")
+    ],
     out: Out = DEFAULT_OUT,
     calibration: Annotated[
         Path | None, typer.Option(help="The JSON file; default: reference.json in SOURCE.")
@@ -152,6 +154,7 @@ def folder(
     clouds: Annotated[
         str, typer.Option(help="Folder of the clouds in SOURCE, if there are several.")
     ] = "",
+    only: Only = "",
     every: Every = 1,
     limit: Limit = None,
     sigma_rotation: SigmaRotation = None,
@@ -165,7 +168,7 @@ def folder(
 
     known = _covariance(sigma_rotation, sigma_translation, covariance)
     importer = Folder(source, calibration, by_order, images, clouds)
-    _run(importer, out, ("", every, limit), known, force, as_json)
+    _run(importer, out, (only, every, limit), known, force, as_json)
 
 
 def _covariance(rotation_deg: float | None, translation_m: float | None, file: Path | None) -> Any:

@@ -98,9 +98,9 @@ def _truths(dataset: Dataset, rig: Rig, arm: Arm | None) -> list[PoseTruth]:
     if arm is None:
         if rig.T_camera_lidar is None:
             raise DatasetError(
-                f"{dataset.path}: its extrinsics come from the recordings' /tf_static, there is "
-                "nothing to recompute them from",
-                "give --rig with T_camera_lidar, or build the data set again",
+                f"{dataset.path}: its extrinsics come from the recordings' /tf_static or were "
+                "published, there is nothing to recompute them from",
+                "give --rig with T_camera_lidar, or build or import the data set again",
             )
         return [static_truth(rig)] * len(poses)
     for pose in poses:

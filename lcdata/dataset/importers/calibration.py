@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,18 @@ SKEW_PX = 1e-3
 """What a published K may have off its diagonal by rounding."""
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path, hook: Callable[[dict[str, Any]], Any] | None = None) -> Any:
     """Content of a JSON file.
+
+    Args:
+        path: The file.
+        hook: Called with each object; what it returns takes its place.
 
     Raises:
         SourceError: Not there, or no JSON.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"), object_hook=hook)
     except (OSError, ValueError) as error:  # a UnicodeDecodeError is a ValueError
         reason = getattr(error, "strerror", None) or f"no JSON: {error}"
         raise SourceError(f"{path}: cannot be read ({reason})", "check the file") from error

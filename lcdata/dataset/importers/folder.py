@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -33,10 +33,11 @@ KEYS = ("K", "D", "T_camera_lidar", "camera_model", "width", "height", "covarian
 
 @dataclass(frozen=True)
 class Folder:
-    """Pairs of one camera and one extrinsic.
+    """Pairs of one camera and one extrinsic, or folders of such pairs, a scenario each.
 
     Args:
-        source: The folder: images and clouds in it, or in a folder each below it.
+        source: The folder: images and clouds in it, or in a folder each below it; or folders with
+            a `reference.json` each.
         calibration: The JSON file; by default `reference.json` in the folder, or the only one.
         by_order: Pair images and clouds by order instead of by name.
         images: Folder of the images, relative to `source`, if it is not to be found.
@@ -52,6 +53,10 @@ class Folder:
 
     def recordings(self) -> dict[str, Callable[[], Published]]:
         """See `published.Importer`."""
+        if self.calibration is None and not files.files_in(self.source, (".json",)):
+            found = sorted(path.parent for path in self.source.glob(f"*/{REFERENCE[0]}"))
+            if found:
+                return {folder.name: replace(self, source=folder)._pairs for folder in found}
         return {scenario_of(self.source): self._pairs}
 
     def _pairs(self) -> Published:

@@ -157,19 +157,29 @@ class Tables:
         """File of a table."""
         return self.folder / f"{table}.json"
 
-    def rows(self, table: str) -> dict[str, Row]:
+    def rows(self, table: str, keep: Callable[[Row], bool] | None = None) -> dict[str, Row]:
         """Rows by token.
+
+        Args:
+            table: Its name.
+            keep: Which rows are wanted, the first time that the table is asked for: of millions,
+                most are not.
 
         Raises:
             SourceError: No such table, or rows without token.
         """
         if table not in self._rows:
-            content = read_json(self.path(table))
+
+            def hook(row: Row) -> Row | None:
+                return None if keep and "token" in row and not keep(row) else row
+
+            content = read_json(self.path(table), hook if keep else None)
             if not isinstance(content, list) or not content:
                 raise SourceError(f"{self.path(table)}: no rows in it", "unpack it again")
-            if not all(isinstance(row, dict) and "token" in row for row in content):
+            kept = [row for row in content if row is not None]
+            if not all(isinstance(row, dict) and "token" in row for row in kept):
                 raise SourceError(f"{self.path(table)}: rows without token", "unpack it again")
-            self._rows[table] = {str(row["token"]): row for row in content}
+            self._rows[table] = {str(row["token"]): row for row in kept}
         return self._rows[table]
 
     def get(self, row: Row, table: str) -> Row:
@@ -204,7 +214,7 @@ class Tables:
             raise SourceError(f"{where}: {error.message}", error.remedy) from error
 
     def keyframes(self, channels: Sequence[str]) -> dict[tuple[str, str], Row]:
-        """Rows of sample_data of key frames by sample and channel."""
+        """Rows of sample_data of key frames by sample and channel; their poses are read too."""
         wanted = {
             token: str(row["channel"])
             for token, row in self.rows("sensor").items()
@@ -215,14 +225,15 @@ class Tables:
             for token, row in self.rows("calibrated_sensor").items()
             if str(row.get("sensor_token")) in wanted
         }
-        return dict(self._of_sensors(sensors, channels))
+        found = dict(self._of_sensors(sensors, channels))
+        poses = {str(row.get("ego_pose_token")) for row in found.values()}
+        self.rows("ego_pose", lambda row: str(row["token"]) in poses)
+        return found
 
     def _of_sensors(
         self, sensors: dict[str, str], channels: Sequence[str]
     ) -> Iterator[tuple[tuple[str, str], Row]]:
-        for row in self.rows("sample_data").values():
-            if not row.get("is_key_frame"):
-                continue
+        for row in self.rows("sample_data", lambda row: bool(row.get("is_key_frame"))).values():
             sensor = str(row.get("calibrated_sensor_token"))
             if sensor in sensors:
                 yield (str(row.get("sample_token")), sensors[sensor]), row

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcdata.dataset.importers import Folder, Importer, KittiRaw, NuScenes, OpenCalib
@@ -17,6 +17,9 @@ from lcdata.dataset.importers.published import Choice, Listing, list_pairs
 from lcdata.errors import SourceError
 
 from . import layouts
+
+FEW = settings(max_examples=25)
+"""Every example writes and lists files."""
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4)
 VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=4), max_leaves=16)
@@ -39,6 +42,7 @@ def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@FEW
 @given(
     key=st.sampled_from(["K", "D", "T_camera_lidar", "camera_model", "width", "covariance"]),
     value=VALUES,
@@ -53,6 +57,7 @@ def test_reference(road: Path, key: str, value: Any, model: str) -> None:
         listed_or_named(Folder(road, path))
 
 
+@FEW
 @given(value=VALUES)
 def test_a_reference_of_anything(road: Path, value: Any) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -72,6 +77,7 @@ def places(content: Any) -> list[Callable[[Any], None]]:
     return found
 
 
+@FEW
 @given(data=st.data())
 def test_opencalib(data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -88,6 +94,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> layouts.NuScenesFiles:
     return layouts.NuScenesFiles(tmp_path_factory.mktemp("nuscenes"), samples=2)
 
 
+@FEW
 @given(data=st.data())
 def test_nuscenes(tables: layouts.NuScenesFiles, data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(sorted(tables.tables)))
@@ -102,6 +109,7 @@ def test_nuscenes(tables: layouts.NuScenesFiles, data: st.DataObject) -> None:
         path.write_text(good)
 
 
+@FEW
 @given(data=st.data())
 def test_kitti(data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -54,6 +54,21 @@ def test_real_pairs(shared: Path, tmp_path: Path) -> None:
     assert pair.image.shape == (376, 1241, 3)
 
 
+def test_folders_of_pairs_are_scenarios(tmp_path: Path) -> None:
+    T = np.eye(4)
+    T[:3, :3] = layouts.LIDAR_TO_CAMERA
+    for name, f in (("b", 50.0), ("a", 60.0)):
+        K = [f, f, 31.0, 23.0]
+        layouts.folder_of_pairs(tmp_path / "all" / name, 2, K=K, T_camera_lidar=T.tolist())
+    (tmp_path / "all" / "notes").mkdir()
+    made = import_dataset(Folder(tmp_path / "all"), tmp_path / "out")
+    assert made.dataset.scenarios == ("a", "b") and (made.pairs, made.poses) == (4, 2)
+    assert [made.dataset.camera(name).intrinsics[0] for name in "ab"] == [60.0, 50.0]
+    assert validate(tmp_path / "out") == []
+    one = import_dataset(Folder(tmp_path / "all"), tmp_path / "one", choice=Choice(("b",)))
+    assert one.dataset.scenarios == ("b",)
+
+
 def test_every_cloud_format_by_order_in_folders(tmp_path: Path) -> None:
     root = tmp_path / "mixed"
     reference = layouts.folder_of_pairs(root, pairs=0)

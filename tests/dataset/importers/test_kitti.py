@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcdata.dataset import validate
@@ -210,6 +210,7 @@ def test_numbers_come_back_from_a_calibration_file(values: dict[str, list[float]
     assert {key: row.tolist() for key, row in found.items()} == values
 
 
+@settings(max_examples=40)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_a_calibration_or_a_named_error(content: bytes) -> None:
     import tempfile
@@ -224,6 +225,7 @@ def test_any_bytes_are_a_calibration_or_a_named_error(content: bytes) -> None:
                 assert "calib.txt" in str(error)
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 59), st.integers(0, 999_999_999))
 def test_stamps_have_every_nanosecond(second: int, ns: int) -> None:
     import tempfile

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lcdata.dataset import cloud_file, validate
 from lcdata.dataset.importers import Choice, NuScenes, import_dataset
-from lcdata.errors import SourceError
+from lcdata.errors import DatasetError, SourceError
 from lcdata.geometry import se3
 
 from . import layouts
@@ -87,6 +87,16 @@ def test_scenes_are_chosen_by_name(tmp_path: Path) -> None:
     assert (made.pairs, made.poses) == (4, 2)
 
 
+def test_another_calibration_is_another_data_set(tmp_path: Path) -> None:
+    made_files = layouts.NuScenesFiles(tmp_path / "nuscenes", scenes=2, samples=1)
+    import_dataset(NuScenes(tmp_path / "nuscenes"), tmp_path / "out")
+    mounted = made_files.row("calibrated_sensor", "scene-0001-CAM_FRONT")
+    mounted["translation"][0] += 1e-3
+    made_files.write()
+    with pytest.raises(DatasetError, match="already holds a data set"):
+        import_dataset(NuScenes(tmp_path / "nuscenes"), tmp_path / "out")
+
+
 def test_rows_and_files_that_are_missing_cost_their_own_pair(tmp_path: Path) -> None:
     made_files = layouts.NuScenesFiles(tmp_path / "nuscenes", samples=6)
     tables = made_files.tables
@@ -138,9 +148,10 @@ def test_tables_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     made_files.tables.pop("ego_pose")
     made_files.write()
     assert "ego_pose.json: cannot be read (no JSON" in error()
+    layouts.NuScenesFiles(root)
     (root / "v1.0-mini" / "sample.json").unlink()
     assert "sample.json: cannot be read (No such file" in error()
-    layouts.NuScenesFiles(root).write()
+    layouts.NuScenesFiles(root)
     (root / "v1.0-trainval").mkdir()
     (root / "v1.0-trainval" / "sample_data.json").write_text("[]")
     assert "several versions: v1.0-mini, v1.0-trainval" in error()
