@@ -28,9 +28,14 @@ class Wide(Calibrator):
         search_rotation_deg: Half-width of the box about each axis, degrees: 1.4 times the
             largest error of the guess that is expected.
         search_translation_m: Half-width of the box along each axis, metres.
-        agree_rotation_deg: Halves of the pairs must come to rotations this close.
-        agree_translation_m: And to translations this close.
-        min_pairs: Fewer pairs are never called converged: their halves agree by chance.
+        agree_rotation_deg: Halves of the pairs, each searched anew, must come to rotations so
+            close to the joint one.
+        agree_translation_m: And to translations so close.
+        min_pairs: Fewer different scenes are never called converged: their halves know too
+            little. At least 2.
+        max_rotation_sigma_deg: A result is not trusted if the predicted standard deviation of
+            its rotation is larger, degrees.
+        max_translation_sigma_m: The same of the translation, metres.
         seed: Seed of the search's random numbers.
     """
 
@@ -41,6 +46,8 @@ class Wide(Calibrator):
     agree_rotation_deg: float = 0.5
     agree_translation_m: float = 0.1
     min_pairs: int = 5
+    max_rotation_sigma_deg: float = 0.5
+    max_translation_sigma_m: float = 0.1
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -50,6 +57,8 @@ class Wide(Calibrator):
             "agree_rotation_deg": 180.0,
             "agree_translation_m": math.inf,
             "min_pairs": 1_000_000,
+            "max_rotation_sigma_deg": math.inf,
+            "max_translation_sigma_m": math.inf,
         }
         self._check_numbers(limits, ("min_pairs", "seed"))
 
@@ -66,6 +75,9 @@ class Wide(Calibrator):
         prepared: Sequence[Any] | None = None,
     ) -> Calibration:
         """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
+        from lcdata.calibrators.nid_verdict import sandwich
+        from lcdata.calibrators.wide_verdict import doubts
+        from lcdata.features.wide_finish import refined
         from lcdata.features.wide_objective import images
         from lcdata.features.wide_search import passes, solve
 
@@ -75,42 +87,29 @@ class Wide(Calibrator):
         plan = passes(self.search_rotation_deg, self.search_translation_m)
         pictures = images(features, rng)
         found = solve(features, pictures, T_initial, plan, rng)
-        doubts = self._doubts(features, pictures, T_initial, found.T, rng)
+        T, last = refined(features, pictures, found.T, True, rng)
+        gaussian = sandwich(last, T)
+        covariance = np.full((6, 6), np.nan) if gaussian is None else gaussian[0]
+        undetermined = self._undetermined(covariance)
+        limits = (self.agree_translation_m, self.agree_rotation_deg, self.min_pairs)
+        doubtful = doubts(features, pictures, T_initial, T, plan, limits, rng)
         return Calibration(
-            found.T,
-            converged=not doubts,
-            degenerate=False,
-            covariance=np.full((6, 6), np.nan),
+            T,
+            converged=not (undetermined or doubtful),
+            degenerate=bool(undetermined),
+            covariance=covariance,
             seconds=time.perf_counter() - started,
             cost_initial=found.cost_initial,
             cost_final=found.cost_final,
-            message="; ".join(doubts),
+            message="; ".join(undetermined + doubtful),
         )
 
-    def _doubts(
-        self,
-        features: Sequence[Any],
-        pictures: Sequence[Any],
-        T_initial: Array,
-        T: Array,
-        rng: np.random.Generator,
-    ) -> list[str]:
-        from lcdata.features.wide_search import passes, solve
-        from lcdata.geometry import se3
-
-        number = len(features)
-        if number < self.min_pairs:
-            return [f"low confidence: {number} pairs, fewer than {self.min_pairs}"]
-        plan = passes(self.search_rotation_deg, self.search_translation_m)
-        poses = [T] + [
-            solve(features[odd::2], pictures[odd::2], T_initial, plan, rng).T for odd in (0, 1)
-        ]
-        metres, radians = 0.0, 0.0
-        for i in range(3):
-            for j in range(i):
-                metres = max(metres, se3.translation_error(poses[i], poses[j]))
-                radians = max(radians, se3.rotation_error(poses[i], poses[j]))
-        degrees = float(np.rad2deg(radians))
-        if degrees > self.agree_rotation_deg or metres > self.agree_translation_m:
-            return [f"halves of the pairs disagree by {degrees:.2g} deg, {metres:.2g} m"]
-        return []
+    def _undetermined(self, covariance: Array) -> list[str]:
+        """What the frames do not determine."""
+        if not np.isfinite(covariance).all():
+            return ["the cost is not curved in every direction"]
+        sigma = np.sqrt(np.diag(covariance))
+        metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
+        if metres <= self.max_translation_sigma_m and degrees <= self.max_rotation_sigma_deg:
+            return []
+        return [f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"]

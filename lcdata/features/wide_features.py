@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.errors import CalibrationError
-from lcdata.features.nid_edges import edge_distance, edge_points
-from lcdata.features.nid_views import NEAREST_M, NidImage, nid_image, pixels_per_radian
+from lcdata.features.nid_edges import edge_distance, edge_fields, edge_points
+from lcdata.features.nid_objective import NEIGHBOURHOOD, NidFeatures
+from lcdata.features.nid_views import NEAREST_M, nid_image, pixels_per_radian
+from lcdata.features.wide_frames import signature
 from lcdata.features.wide_labels import descriptors
 from lcdata.pair import Pair
 
@@ -28,22 +30,19 @@ class WideFeatures:
     """Features of one pair.
 
     Args:
-        image: The reduced image, its camera and its ranks of grey.
-        points: (N, 3) float32 in the LiDAR frame, metres, finite.
-        intensity: (N,) float32; None where the cloud has none or all are alike.
-        edges: (M, 3) float32 cloud edges in the LiDAR frame, metres.
-        edge_weights: (M,) float32.
+        nid: What `nid_edge` takes: points, intensities (zeros where there are none), cloud edges,
+            and the reduced image with the ranks of its grey among what is around.
+        has_light: Whether intensities say anything.
         distance: (h, w) float32 pixels to the next image edge.
         descriptors: (h, w, 5) float16 what each cell looks like, for each level.
+        signature: What tells this scene from others.
     """
 
-    image: NidImage
-    points: Floats
-    intensity: Floats | None
-    edges: Floats
-    edge_weights: Floats
+    nid: NidFeatures
+    has_light: bool
     distance: Floats
     descriptors: list[NDArray[np.float16]]
+    signature: NDArray[np.float16]
 
 
 def wide_features(pair: Pair) -> WideFeatures:
@@ -76,17 +75,23 @@ def wide_features(pair: Pair) -> WideFeatures:
         size = (round(camera.width * FOCAL / focal), round(camera.height * FOCAL / focal))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         camera = camera.resized(*size)
-    ranked = nid_image(image, camera)
-    paint = np.ones(len(points), np.float32) if light is None else light
+    ranked = nid_image(image, camera, NEIGHBOURHOOD)
+    paint = np.zeros(len(points), np.float32) if light is None else light
     edges, weights = edge_points(points, paint, pair.organised, pair.ring)
-    return WideFeatures(
+    nid = NidFeatures(
         ranked,
         np.ascontiguousarray(points[good]),
-        None if light is None else np.ascontiguousarray(light[good]),
+        np.ascontiguousarray(paint[good]),
         edges,
         weights,
+        edge_fields(ranked),
+    )
+    return WideFeatures(
+        nid,
+        light is not None,
         edge_distance(ranked.grey, ranked.focal),
         descriptors(image, ranked.focal),
+        signature(nid.points),
     )
 
 

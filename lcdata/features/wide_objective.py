@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,11 @@ NID_WEIGHT = 3.0
 MASS = 0.5
 """Power of the share of the points inside with which information is multiplied."""
 
-MOST_POINTS, MOST_NID_POINTS = 4000, 8000
+MOST_POINTS, MOST_NID_POINTS = 4000, 20_000
 """Points of a frame in the sample, and for NID."""
+
+STRIDES = ((4, 60), (2, 25), (1, 0))
+"""Pixels a cell of edge fields, and the truncations that bear it, mrad."""
 
 AT_ONCE = 64
 """Poses whose histograms are kept at a time: they stay in the processor's cache."""
@@ -49,7 +52,7 @@ class Terms:
         truncations: Of the edge distances, mrad.
         edges: Edge points of a frame.
         edge_weight: What edges count.
-        nid: Whether NID counts too.
+        nid: Points of a frame for NID; 0 leaves it out.
     """
 
     levels: tuple[int, ...]
@@ -57,7 +60,7 @@ class Terms:
     truncations: tuple[int, ...]
     edges: int
     edge_weight: float
-    nid: bool = False
+    nid: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,7 @@ class Images:
         distance: (H, W) pixels to the next edge.
         bins: (H + 2, W + 2) uint8 rank of grey, with a border.
         focal: Pixels a radian.
+        fields: Edge fields that were asked for, by their truncations.
     """
 
     model: int
@@ -79,14 +83,30 @@ class Images:
     distance: Floats
     bins: Bytes
     focal: float
+    fields: dict[tuple[int, ...], tuple[Floats, int]] = field(default_factory=dict)
 
-    def field(self, truncations: Sequence[int]) -> Floats:
-        """(H + 2, W + 2) mean of the edge fields over their scales, with a border of zeros."""
-        total = np.zeros((self.distance.shape[0] + 2, self.distance.shape[1] + 2), np.float32)
-        for t in truncations:
-            field = without_clutter(self.distance, t * 1e-3 * self.focal, self.focal)
-            total[1:-1, 1:-1] += field / np.float32(EDGE_SCALE[t] * len(truncations))
-        return total
+    def field(self, truncations: tuple[int, ...]) -> tuple[Floats, int]:
+        """Mean of the edge fields over their scales, and the pixels of one of its cells.
+
+        Blunt fields need no fine cells. They are kept: searches of halves use them again.
+
+        Args:
+            truncations: mrad.
+
+        Returns:
+            (h + 2, w + 2) with a border of zeros, and the cells' size.
+        """
+        if truncations not in self.fields:
+            stride = next(s for s, blunt in STRIDES if min(truncations) >= blunt)
+            distance = self.distance[stride // 2 :: stride, stride // 2 :: stride]
+            distance = distance / np.float32(stride)
+            focal = self.focal / stride
+            total = np.zeros((distance.shape[0] + 2, distance.shape[1] + 2), np.float32)
+            for t in truncations:
+                one = without_clutter(distance, t * 1e-3 * focal, focal)
+                total[1:-1, 1:-1] += one / np.float32(EDGE_SCALE[t] * len(truncations))
+            self.fields[truncations] = total, stride
+        return self.fields[truncations]
 
 
 def images(features: Sequence[WideFeatures], rng: np.random.Generator) -> list[Images]:
@@ -96,12 +116,12 @@ def images(features: Sequence[WideFeatures], rng: np.random.Generator) -> list[I
     ]
     return [
         Images(
-            f.image.model,
-            f.image.parameters,
+            f.nid.image.model,
+            f.nid.image.parameters,
             tuple(maps[i] for maps in by_level),
             f.distance,
-            np.pad(f.image.hard, 1, constant_values=BINS),
-            f.image.focal,
+            np.pad(f.nid.image.hard, 1, constant_values=BINS),
+            f.nid.image.focal,
         )
         for i, f in enumerate(features)
     ]
@@ -118,8 +138,9 @@ class View:
         order: (N,) place of each in the image, for sorting.
         edges: (M, 3) float32 cloud edges in random order, LiDAR frame, metres.
         weights: (M,) float32.
-        lit: (K, 3) float32 visible points for NID.
+        lit: (K, 3) float32 visible points for NID, in random order.
         bins: (K,) uint8 their rank of reflectance.
+        lit_order: (K,) place of each in the image, for sorting.
     """
 
     image: Images
@@ -130,6 +151,7 @@ class View:
     weights: Floats
     lit: Floats
     bins: Bytes
+    lit_order: NDArray[np.int64]
 
 
 def views(
@@ -151,47 +173,44 @@ def views(
         rng: Of samples and hypotheses.
     """
     up = -T[1, :3]
-    samples = [sample(f.image.camera, f.points, T, margin) for f in features]
+    samples = [sample(f.nid.image.camera, f.nid.points, T, margin) for f in features]
     grounds = [
-        find_ground(f.points[s.index], up, rng) for f, s in zip(features, samples, strict=True)
+        find_ground(f.nid.points[s.index], up, rng) for f, s in zip(features, samples, strict=True)
     ]
     chosen = []
     for s in samples:
         number = min(MOST_POINTS, len(s.index))
         chosen.append(rng.permutation(len(s.index))[:number])
-    points = [f.points[s.index[c]] for f, s, c in zip(features, samples, chosen, strict=True)]
-    light = [
-        np.zeros(len(c), np.float32) if f.intensity is None else f.intensity[s.index[c]]
-        for f, s, c in zip(features, samples, chosen, strict=True)
-    ]
+    points = [f.nid.points[s.index[c]] for f, s, c in zip(features, samples, chosen, strict=True)]
+    light = [f.nid.intensity[s.index[c]] for f, s, c in zip(features, samples, chosen, strict=True)]
     rough = [s.roughness[c] for s, c in zip(samples, chosen, strict=True)]
     classes = point_classes(points, light, rough, grounds)
     result = []
     for i, f in enumerate(features):
         edges, weights = _edges_in_view(f, T, margin, rng)
-        lit, bins = np.zeros((0, 3), np.float32), np.zeros(0, np.uint8)
-        if with_nid and f.intensity is not None:
-            lit, bins = _lit(f, T, rng)
-        result.append(
-            View(pictures[i], points[i], classes[i], chosen[i], edges, weights, lit, bins)
-        )
+        lit = _lit(f, T, rng) if with_nid and f.has_light else _unlit()
+        result.append(View(pictures[i], points[i], classes[i], chosen[i], edges, weights, *lit))
     return result
 
 
 def _edges_in_view(
     f: WideFeatures, T: Array, margin: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    local = (f.edges @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
-    near = rng.permutation(np.flatnonzero(seen(f.image.camera, local, margin)))
-    return f.edges[near], f.edge_weights[near]
+    local = (f.nid.edges @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+    near = rng.permutation(np.flatnonzero(seen(f.nid.image.camera, local, margin)))
+    return f.nid.edges[near], f.nid.edge_weights[near]
 
 
-def _lit(f: WideFeatures, T: Array, rng: np.random.Generator) -> tuple[Floats, Bytes]:
-    assert f.intensity is not None
-    cloud = nid_cloud(visible(f.image, f.points, T), f.points, f.intensity)
-    number = min(MOST_NID_POINTS, len(cloud.points))
-    chosen = np.sort(rng.permutation(len(cloud.points))[:number])
-    return cloud.points[chosen], cloud.bins[chosen]
+def _lit(
+    f: WideFeatures, T: Array, rng: np.random.Generator
+) -> tuple[Floats, Bytes, NDArray[np.int64]]:
+    cloud = nid_cloud(visible(f.nid.image, f.nid.points, T), f.nid.points, f.nid.intensity)
+    chosen = rng.permutation(len(cloud.points))[:MOST_NID_POINTS]
+    return cloud.points[chosen], cloud.bins[chosen], chosen
+
+
+def _unlit() -> tuple[Floats, Bytes, NDArray[np.int64]]:
+    return np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.int64)
 
 
 class Objective:
@@ -201,7 +220,7 @@ class Objective:
         """Take of each frame what the stage needs, in an order that keeps look-ups close."""
         self.frames, self.terms = frames, terms
         self.points, self.classes, self.edges, self.weights, self.fields = [], [], [], [], []
-        self.lit = []
+        self.lit, self.bins = [], []
         for v in frames:
             first = np.argsort(v.order[: terms.points])
             self.points.append(np.ascontiguousarray(v.points[first].T))
@@ -212,7 +231,9 @@ class Objective:
             total = max(float(weights.sum()), 1e-9)
             self.weights.append(weights[place] / np.float32(total))
             self.fields.append(v.image.field(terms.truncations))
-            self.lit.append(np.ascontiguousarray(v.lit.T))
+            lit = np.argsort(v.lit_order[: terms.nid])
+            self.lit.append(np.ascontiguousarray(v.lit[lit].T))
+            self.bins.append(v.bins[lit])
         most = max(sum(p.shape[1] for p in self.points), MOST_NID_POINTS) + 1
         n = np.arange(1, most)
         self.logs = np.concatenate([[0.0], n * np.log(n)])
@@ -239,27 +260,27 @@ class Objective:
                 count(*camera, rows, points, classes, v.image.labels[level], scale, counts)
             information(counts, self.logs, shared, joint, inside)
             total -= inside**MASS * shared / np.maximum(joint, 1e-9)
-        return total / (INFORMATION_SCALE * len(self.terms.levels))
+        return total / (INFORMATION_SCALE * max(len(self.terms.levels), 1))
 
     def _edges(self, rows: Floats) -> Array:
         sums = np.zeros(len(rows))
         parts = zip(self.frames, self.edges, self.weights, self.fields, strict=True)
-        for v, edges, weights, field in parts:
+        for v, edges, weights, (table, stride) in parts:
             camera = v.image.model, v.image.parameters
-            field_sums(*camera, rows, edges, weights, field, np.float32(1.0), sums)
+            field_sums(*camera, rows, edges, weights, table, np.float32(1.0 / stride), sums)
         return sums * (self.terms.edge_weight / len(self.frames))
 
     def _nid(self, rows: Floats) -> Array:
         total = np.zeros(len(rows))
         shared, joint, inside = np.empty((3, len(rows)))
         used = 0
-        for v, lit in zip(self.frames, self.lit, strict=True):
+        for v, lit, bins in zip(self.frames, self.lit, self.bins, strict=True):
             if not lit.shape[1]:
                 continue
             used += 1
             counts = np.zeros((len(rows), BINS, BINS + 1), np.int32)
             camera = v.image.model, v.image.parameters
-            count(*camera, rows, lit, v.bins, v.image.bins, np.float32(1.0), counts)
+            count(*camera, rows, lit, bins, v.image.bins, np.float32(1.0), counts)
             information(counts, self.logs, shared, joint, inside)
             total += 1.0 - shared / np.maximum(joint, 1e-9)
         return total * (NID_WEIGHT / NID_SCALE / max(used, 1))

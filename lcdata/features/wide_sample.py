@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from lcdata.geometry.camera import Camera
@@ -17,8 +18,8 @@ from lcdata.geometry.camera import Camera
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-CELL = np.deg2rad([0.25, 0.4])
-"""Edges of a cell of directions, across and down, radians: about a spinning LiDAR's own."""
+ACROSS, DOWN = float(np.deg2rad(0.25)), float(np.deg2rad(0.4))
+"""Edges of a cell of directions, radians: about a spinning LiDAR's own."""
 
 NEIGHBOURHOOD = (7, 5)
 """Cells, across and down, over which the roughness of the range is taken."""
@@ -55,16 +56,23 @@ def seen(camera: Camera, points: Floats, margin: float) -> NDArray[np.bool_]:
     _, inside = camera.project(bearings)
     border = _border(camera)
     if len(border):
-        rest = np.flatnonzero(~inside)
-        # Far from the middle of the view needs no comparison with the whole border.
-        middle = border.mean(axis=0)
-        middle /= max(float(np.linalg.norm(middle)), 1e-9)
-        widest = np.arccos(np.clip((border @ middle).min(), -1.0, 1.0)) + margin
-        if widest < np.pi:
-            rest = rest[bearings[rest] @ middle.astype(np.float32) > np.cos(widest)]
+        middle, widest = _cone(border, margin)
+        rest = np.flatnonzero(~inside & (bearings @ middle > widest))
         near = (bearings[rest] @ border.T.astype(np.float32)).max(axis=1, initial=-1.0)
         inside[rest[near > np.cos(margin)]] = True
     return np.asarray(inside)
+
+
+def _cone(border: Array, margin: float) -> tuple[Floats, float]:
+    """Axis of a cone around the view and its margin, and the cosine of its half-angle."""
+    middle = border.mean(axis=0) if len(border) else np.zeros(3)
+    length = float(np.linalg.norm(middle))
+    if length < 0.1:  # a view all around
+        return np.zeros(3, np.float32), -2.0
+    middle /= length
+    widest = float(np.arccos(np.clip((border @ middle).min(), -1.0, 1.0))) + margin
+    cosine = np.cos(widest) - 1e-6 if widest < np.pi else -2.0
+    return middle.astype(np.float32), float(cosine)
 
 
 def _border(camera: Camera) -> Array:
@@ -98,29 +106,58 @@ def sample(camera: Camera, points: Floats, T: Array, margin: float) -> Sample:
     """
     import cv2
 
-    local = points @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)
-    x, y, z = local.T
-    distance = np.sqrt(x * x + y * y + z * z)
-    column = ((np.arctan2(x, z) + np.pi) / CELL[0]).astype(np.int32)
-    row = ((np.arctan2(y, np.hypot(x, z)) + np.pi / 2) / CELL[1]).astype(np.int32)
-    columns, rows = int(2 * np.pi / CELL[0]) + 2, int(np.pi / CELL[1]) + 2
-    valid = np.flatnonzero(distance > NEAREST_M)
-    place = row[valid] * columns + column[valid]
-    # The nearest is written last.
-    order = np.argsort(-distance[valid], kind="stable")
-    first = np.full(rows * columns, -1, np.int64)
-    first[place[order]] = valid[order]
-    taken = np.flatnonzero(first >= 0)
-    index = first[taken]
-    range_image = np.zeros((rows, columns), np.float32)
-    range_image.reshape(-1)[taken] = distance[index]
-    known = (range_image > 0).astype(np.float32)
+    border = _border(camera)
+    # A lens that shows nothing at its corners may see more than its border tells.
+    complete = len(border) == 4 * BORDER_STEPS
+    middle, widest = _cone(border, margin) if complete else (np.zeros(3, np.float32), -2.0)
+    first, ranges = _nearest(points, T, middle, widest)
+    taken = np.flatnonzero(first.reshape(-1) >= 0)
+    if not len(taken):
+        return Sample(np.zeros(0, np.int64), np.zeros(0, np.float32))
+    rows, columns = np.divmod(taken, first.shape[1])
+    part = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+    distance = np.ascontiguousarray(ranges[part])
     number, total, square = (
         cv2.boxFilter(a, -1, NEIGHBOURHOOD, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for a in (known, range_image, range_image * range_image)
+        for a in ((distance > 0).astype(np.float32), distance, distance * distance)
     )
     mean = total / np.maximum(number, 1.0)
     variance = square / np.maximum(number, 1.0) - mean * mean
     rough = np.sqrt(np.maximum(variance, 0.0)) / np.maximum(mean, 1e-6)
-    inside = seen(camera, local[index], margin)
-    return Sample(index[inside], np.ascontiguousarray(rough.reshape(-1)[taken[inside]]))
+    index = first.reshape(-1)[taken]
+    local = points[index] @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)
+    inside = seen(camera, local, margin)
+    place = rows[inside] - rows.min(), columns[inside] - columns.min()
+    return Sample(index[inside], np.ascontiguousarray(rough[place]))
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "arcp", "reassoc", "nsz"})
+def _nearest(points, T, middle, widest):  # type: ignore[no-untyped-def]
+    """Index of the nearest point (-1 for none) and its range (0) in each cell of directions.
+
+    Args:
+        points: (N, 3) float32 in the LiDAR frame, metres.
+        T: 4x4 `T_camera_lidar`.
+        middle: (3,) axis of a cone.
+        widest: Cosine of its half-angle; points outside are left out.
+    """
+    rows, columns = int(np.pi / DOWN) + 2, int(2.0 * np.pi / ACROSS) + 2
+    first = np.full((rows, columns), -1, np.int64)
+    ranges = np.zeros((rows, columns), np.float32)
+    for i in range(len(points)):
+        a, b, c = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+        y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+        z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+        distance = np.sqrt(x * x + y * y + z * z)
+        if (
+            distance < NEAREST_M
+            or middle[0] * x + middle[1] * y + middle[2] * z < widest * distance
+        ):
+            continue
+        row = int((np.arcsin(y / distance) + 0.5 * np.pi) / DOWN)
+        column = int((np.arctan2(x, z) + np.pi) / ACROSS)
+        if first[row, column] < 0 or distance < ranges[row, column]:
+            first[row, column] = i
+            ranges[row, column] = distance
+    return first, ranges

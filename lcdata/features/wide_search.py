@@ -63,7 +63,7 @@ def _stage(
     keep: int,
     children: int,
     beta: float = 1.0,
-    nid: bool = False,
+    nid: int = 0,
 ) -> Stage:
     return Stage(Terms(levels, points, truncations, edges, beta, nid), spread, keep, children)
 
@@ -93,13 +93,12 @@ FINE = Pass(
     0.09,
     3.0,
     tuple(
-        _stage((1,), 3000, (12, 6), 5000, spread, keep, children, 3.0, True)
+        _stage((1,), 3000, (12, 6), 3000, spread, keep, children, 3.0, 4000)
         for spread, keep, children in (
             (0.0, 30, 1000),
-            (0.35, 25, 700),
-            (0.2, 20, 600),
-            (0.1, 15, 500),
-            (0.05, 15, 400),
+            (0.35, 25, 600),
+            (0.2, 20, 500),
+            (0.1, 15, 400),
         )
     ),
 )
@@ -179,7 +178,7 @@ def solve(
     """All passes, each about the best pose of the one before."""
     T = T_initial
     for one in plan:
-        nid = any(stage.terms.nid for stage in one.stages)
+        nid = any(stage.terms.nid > 0 for stage in one.stages)
         frames = views(features, pictures, T, np.deg2rad(one.margin_deg), nid, rng)
         places, _ = search(frames, T, one, rng)
         T = displaced(T, places[:1])[0]
