@@ -31,8 +31,8 @@ def road(seed, lanes=(-5.4, -1.8, 1.9, 5.5), poles=8, crossing=True, clutter=Tru
     """A straight road with dashed inner and solid outer lanes."""
     rng = np.random.default_rng(seed)
     marks = []
-    for k, y in enumerate(lanes):
-        y = y + rng.uniform(-0.2, 0.2)
+    for k, lane in enumerate(lanes):
+        y = lane + rng.uniform(-0.2, 0.2)
         if k in {0, len(lanes) - 1}:
             marks.append((-60.0, 90.0, y - 0.075, y + 0.075))
         else:

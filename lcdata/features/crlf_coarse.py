@@ -15,10 +15,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lcdata.features.crlf_refine import agreement
 from lcdata.features.p3l import turns
 from lcdata.features.road_cloud import RoadCloud
 from lcdata.features.road_cost import NEAR, mean_height
-from lcdata.features.road_view import RoadView
+from lcdata.features.road_view import COARSE, Road, RoadView, stack
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
@@ -35,11 +36,23 @@ LOWEST_M = 0.3
 APART_DEG = 2.0
 """Least angle between the planes of two lanes: closer ones determine no direction."""
 
+PARALLEL_DEG = 3.0
+"""Lines whose directions differ by more are not parallel."""
+
+BEHIND = 0.2
+"""Candidates that explain so much less than the best are given up."""
+
+SAMPLE = 6
+"""Candidates whose points in view rank all."""
+
+GLANCE = (400, 400, 400)
+"""Points of each kind that rank a candidate."""
+
 SAME_M, SAME_RAD = 0.3, np.deg2rad(2.0)
 """Poses so close are one candidate."""
 
 
-def ahead(cloud: RoadCloud, points: Array) -> Array:
+def ahead(cloud: RoadCloud, points: Array) -> NDArray[np.bool_]:
     """The points on the side of the LiDAR's x axis."""
     forward = np.array([1.0, 0.0, 0.0]) @ cloud.R_ground_lidar.T
     return np.asarray((points @ cloud.R_ground_lidar[0]) * np.sign(forward[0]) > 0)
@@ -103,8 +116,8 @@ def coarse(view: RoadView, reach_m: float, most: int) -> tuple[Array, Array]:
             float(np.sin(np.deg2rad(APART_DEG))),
             lane_points,
             pole_points,
-            view.lane_maps[0],
-            view.pole_maps[0],
+            view.maps[0, 0],
+            view.maps[0, 1],
             np.array(image.camera.intrinsics),
         )
         found.append(poses[:count])
@@ -112,11 +125,22 @@ def coarse(view: RoadView, reach_m: float, most: int) -> tuple[Array, Array]:
     if not found:
         return np.zeros((0, 4, 4)), np.zeros(0)
     flat, score = np.concatenate(found), np.concatenate(values)
-    order = np.argsort(-score, kind="stable")[: 20 * most]
+    order = np.argsort(-score, kind="stable")[:1000]
     T = np.tile(np.eye(4), (len(order), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = flat[order, :9].reshape(-1, 3, 3), flat[order, 9:]
     chosen = different(T, most)
     return T[chosen], score[order][chosen]
+
+
+def ranked(road: Road, poses: Array, most: int) -> Array:
+    """The candidates of all pairs that explain all pairs best, best first.
+
+    Only candidates nearly as good as the best are left: (C, 4, 4), C at most `most`.
+    """
+    values = agreement(stack(road, poses[:SAMPLE], GLANCE), poses, COARSE)
+    order = np.argsort(-values, kind="stable")
+    order = order[values[order] > values[order[0]] - BEHIND]
+    return np.asarray(poses[order][different(poses[order], most)])
 
 
 def different(poses: Array, most: int) -> Sequence[int]:
@@ -124,7 +148,8 @@ def different(poses: Array, most: int) -> Sequence[int]:
     chosen: list[int] = []
     for k, T in enumerate(poses):
         if not any(
-            se3.translation_error(T, poses[i]) < SAME_M and se3.rotation_error(T, poses[i]) < SAME_RAD
+            se3.translation_error(T, poses[i]) < SAME_M
+            and se3.rotation_error(T, poses[i]) < SAME_RAD
             for i in chosen
         ):
             chosen.append(k)
@@ -134,7 +159,7 @@ def different(poses: Array, most: int) -> Sequence[int]:
 
 
 @njit(cache=True, nogil=True)
-def _enumerate(  # type: ignore[no-untyped-def]
+def _enumerate(  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0915
     planes,
     uprights,
     lanes,
@@ -217,3 +242,34 @@ def _enumerate(  # type: ignore[no-untyped-def]
                     if best > 0.0:
                         count += 1
     return poses, scores, count
+
+
+def lacking(view: RoadView, parallel: bool = True) -> str:  # noqa: PLR0911
+    """What a pair lacks for a coarse calibration, in words; empty if nothing.
+
+    Args:
+        view: Of the pair.
+        parallel: Whether two parallel lanes are needed, and not only any lane.
+    """
+    cloud, image = view.cloud, view.image
+    if not len(cloud.lane_lines):
+        return "no lane in the cloud: no line of ground points brighter than the road"
+    if not len(image.lane_lines):
+        return "no lane in the image's mask"
+    if not len(cloud.pole_lines):
+        return "no pole in the cloud: no steep line of points that stands alone"
+    if not len(image.pole_lines):
+        return "no pole in the image's mask"
+    if not parallel:
+        return ""
+    run = cloud.lane_lines[:, 1] - cloud.lane_lines[:, 0]
+    along = np.abs(run @ cloud.R_ground_lidar[0]) > np.abs(run @ cloud.R_ground_lidar[1])
+    if max(np.count_nonzero(along), np.count_nonzero(~along)) < 2:
+        angles = np.sort(cloud.directions)
+        if len(angles) > 1 and np.diff(angles).min() > PARALLEL_DEG:
+            degrees = ", ".join(f"{angle:.0f}" for angle in angles)
+            return f"lanes in the cloud are not parallel: directions of {degrees} deg"
+        return "one lane in the cloud, two parallel ones needed"
+    if len(image.lane_lines) < 2:
+        return "one lane in the image's mask, two parallel ones needed"
+    return ""

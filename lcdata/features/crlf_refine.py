@@ -15,17 +15,26 @@ BFGS on the analytic gradient.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.features.nid_search import Stage, bfgs, shrinking_search
-from lcdata.features.road_cost import class_means, flat_poses, group_slopes, random_search
-from lcdata.features.road_view import COARSE, FINE, HEIGHTS, LAST_POINTS, RoadView, Stack, stack
+from lcdata.features.road_cost import (
+    class_means,
+    flat_poses,
+    group_slopes,
+    map_values,
+    random_search,
+)
+from lcdata.features.road_view import COARSE, FINE, HEIGHTS, LAST_POINTS, Road, Stack, stack
 
 Array = NDArray[np.float64]
 
-SAMPLES = 1500
+SAMPLES, QUICK_SAMPLES = 1500, 400
+"""Poses of the first round, about a guess and about each of several candidates."""
+
 STAGES = (
     Stage(0, 0.25, 60, 800),
     Stage(1, 0.12, 40, 500),
@@ -33,6 +42,11 @@ STAGES = (
     Stage(2, 0.03, 20, 300),
     Stage(2, 0.015, 10, 200),
 )
+QUICK = (Stage(1, 0.25, 40, 300), Stage(1, 0.12, 20, 200))
+
+STRANGER = 0.25
+"""Poles with a smaller mean of the coarse map are none of the image's."""
+
 REACH = np.repeat([0.1, np.deg2rad(0.5)], 3)
 """Largest step of the last ascent, metres then radians."""
 
@@ -84,7 +98,7 @@ def cost_j(data: Stack, poses: Array, step: int = 1) -> Array:
 
 
 def random_refinement(
-    views: Sequence[RoadView],
+    road: Road,
     T: Array,
     metres: float,
     radians: float,
@@ -97,7 +111,7 @@ def random_refinement(
     0.1 deg is 0.1 rad: its own experiments start 6 deg off.
 
     Args:
-        views: Of all pairs.
+        road: All pairs.
         T: 4x4 start.
         metres: t0.
         radians: theta0.
@@ -107,7 +121,7 @@ def random_refinement(
     Returns:
         4x4, and what was compared.
     """
-    data = stack(views, T[None])
+    data = stack(road, T[None])
     flat = random_search(
         flat_poses(T)[0],
         data.points,
@@ -127,13 +141,11 @@ def random_refinement(
     return result, data
 
 
-def refined(
-    views: Sequence[RoadView], starts: Array, box: Array, seed: int = 0
-) -> tuple[Array, Stack]:
+def refined(road: Road, starts: Array, box: Array, seed: int = 0) -> tuple[Array, Stack]:
     """The pose that explains the masks best.
 
     Args:
-        views: Of all pairs.
+        road: All pairs.
         starts: (S, 4, 4) where to look.
         box: (6,) half widths about each, rotation vector (rad), translation (m).
         seed: Of the search's offsets.
@@ -141,25 +153,67 @@ def refined(
     Returns:
         4x4, and what was compared.
     """
-    best, most = starts[0], -np.inf
-    for T in starts:
-        found = searched(stack(views, T[None]), T, box, seed)
-        value = float(agreement(stack(views, found[None]), found[None])[0])
-        if value > most:
-            best, most = found, value
-    data = stack(views, best[None], LAST_POINTS)
-    return polished(data, best), data
+    T = starts[0]
+    if len(starts) > 1:
+        found = [searched(stack(road, T[None]), T, box, seed, QUICK_SAMPLES, QUICK) for T in starts]
+        found = [polished(stack(road, T[None]), T, (COARSE,)) for T in found]
+        values = [agreement(stack(road, T[None]), T[None], COARSE)[0] for T in found]
+        T, box = found[int(np.argmax(values))], 0.4 * box
+    T = searched(stack(road, T[None]), T, box, seed)
+    T = polished(stack(road, T[None]), T)
+    data = without_strangers(stack(road, T[None], LAST_POINTS), T)
+    return polished(data, T, (FINE,)), data
 
 
-def searched(data: Stack, T: Array, box: Array, seed: int, samples: int = SAMPLES) -> Array:
-    """The best pose of the box about T, to within Nelder-Mead's reach."""
+def searched(
+    data: Stack,
+    T: Array,
+    box: Array,
+    seed: int,
+    samples: int = SAMPLES,
+    stages: Sequence[Stage] = STAGES,
+) -> Array:
+    """The best pose of the box about T, to within the last ascent's reach."""
     levels = (
         lambda poses: -cost_j(data, poses, 3),
         lambda poses: -agreement(data, poses, COARSE, 2),
         lambda poses: -agreement(data, poses, FINE),
     )
-    found, _ = shrinking_search(levels, T, box, samples, STAGES, np.random.default_rng(seed))
+    found, _ = shrinking_search(levels, T, box, samples, stages, np.random.default_rng(seed))
     return np.asarray(found[0])
+
+
+def without_strangers(data: Stack, T: Array) -> Stack:
+    """What was compared, without poles that are none in the masks: trunks, posts, hidden ones."""
+    values = map_values(
+        flat_poses(T)[0],
+        data.points,
+        data.start,
+        data.maps[COARSE],
+        data.place,
+        data.shape,
+        data.intrinsics,
+    )
+    kept = np.ones(len(values), bool)
+    for row in data.start:
+        pole = slice(row[2], row[3])
+        group = data.group[pole]
+        if len(group):
+            mean = np.bincount(group, values[pole]) / np.maximum(np.bincount(group), 1)
+            if (mean[group] > STRANGER).any():
+                kept[pole] = mean[group] > STRANGER
+    return part(data, kept)
+
+
+def part(data: Stack, kept: NDArray[np.bool_]) -> Stack:
+    """Some of the points."""
+    before = np.concatenate([[0], np.cumsum(kept)])
+    return replace(
+        data,
+        points=np.ascontiguousarray(data.points[kept]),
+        group=data.group[kept],
+        start=np.asarray(before[data.start], np.int64),
+    )
 
 
 def slopes(data: Stack, T: Array, kind: int = FINE) -> tuple[float, Array]:
@@ -186,13 +240,13 @@ def slopes(data: Stack, T: Array, kind: int = FINE) -> tuple[float, Array]:
     return float((phi(lane, road, share) + pole).mean()), gradients
 
 
-def polished(data: Stack, T: Array, reach: Array = REACH) -> Array:
+def polished(data: Stack, T: Array, kinds: Sequence[int] = (COARSE, FINE)) -> Array:
     """The top of the agreement near a pose, on the coarse and then on the fine maps."""
-    for kind in (COARSE, FINE):
+    for kind in kinds:
 
         def slope(pose: Array, kind: int = kind) -> tuple[float, Array]:
             value, gradients = slopes(data, pose, kind)
             return -value, -gradients.sum(0)
 
-        T, _ = bfgs(slope, T, reach)
+        T, _ = bfgs(slope, T, REACH, 30, 1e-6)
     return T

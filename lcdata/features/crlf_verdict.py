@@ -8,22 +8,22 @@ disjoint halves of them agree, and is there another pose that explains as much.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features.crlf_refine import agreement, polished, slopes
+from lcdata.features.crlf_refine import agreement, part, polished, slopes
 from lcdata.features.road_cost import class_means, flat_poses
-from lcdata.features.road_view import FINE, RoadView, Stack, in_view
+from lcdata.features.road_view import COARSE, FINE, Road, RoadView, Stack, in_view
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
 
-PROBE = np.repeat([0.04, np.deg2rad(0.2)], 3)
+PROBE = np.repeat([0.02, np.deg2rad(0.1)], 3)
 """Spread of the probes of the curvature, metres then radians."""
 
-INFLATION = 2.0
+INFLATION = 1.5
 """On the covariance: masks are wrong in ways that all their parts share."""
 
 FLOOR = np.repeat([0.01, np.deg2rad(0.05)], 3)
@@ -57,16 +57,17 @@ class Verdict:
     doubts: list[str]
 
 
-def judge(views: Sequence[RoadView], data: Stack, T: Array) -> Verdict:
+def judge(road: Road, data: Stack, T: Array) -> Verdict:
     """Judge the pose at the top of the agreement.
 
     Args:
-        views: Of all pairs.
+        road: All pairs.
         data: What was compared at last.
         T: 4x4 pose.
     """
-    lanes, poles = seen(views, T)
-    undetermined, doubts = [], []
+    lanes, poles = seen(road.views, T)
+    undetermined: list[str] = []
+    doubts: list[str] = []
     if lanes < 2:
         undetermined.append(f"{lanes} lanes in view, two needed")
     if poles < 1:
@@ -83,9 +84,8 @@ def judge(views: Sequence[RoadView], data: Stack, T: Array) -> Verdict:
         undetermined.append(f"uncertain by {metres:.2f} m and {np.rad2deg(radians):.1f} deg")
     elif metres > SIGMA_M or radians > SIGMA_RAD:
         doubts.append(f"uncertain by {metres:.3f} m and {np.rad2deg(radians):.2f} deg")
-    lane, road, pole = _means(data, T)
-    del road
-    share = agreement(data, T[None])[0] - pole
+    pole = float(_means(data, T)[2])
+    share = float(agreement(data, T[None])[0]) - pole
     if share < LEAST_PHI or pole < LEAST_POLE:
         doubts.append(
             f"lanes fit to {share:.2f} ({LEAST_PHI} needed), poles to {pole:.2f} ({LEAST_POLE})"
@@ -96,7 +96,6 @@ def judge(views: Sequence[RoadView], data: Stack, T: Array) -> Verdict:
             f"halves of the marks and poles disagree by {apart_m:.3f} m and "
             f"{np.rad2deg(apart_rad):.2f} deg"
         )
-    del lane
     return Verdict(covariance, undetermined, doubts)
 
 
@@ -135,7 +134,8 @@ def predicted(data: Stack, T: Array) -> Array | None:
     H = curvature(data, T)
     if H is None:
         return None
-    gradients = slopes(data, T)[1]
+    gradients = slopes(data, T, COARSE)[1]
+    gradients -= gradients.mean(0)
     inverse = np.linalg.inv(H)
     covariance = INFLATION * inverse @ (gradients.T @ gradients) @ inverse + np.diag(FLOOR**2)
     return np.asarray(0.5 * (covariance + covariance.T))
@@ -149,7 +149,8 @@ def curvature(data: Stack, T: Array, probes: int = 32) -> Array | None:
     changes = np.empty((probes, 6))
     for place, change in zip(places, changes, strict=True):
         ahead, back = (
-            slopes(data, se3.exp(sign * place * PROBE) @ T)[1].sum(0) for sign in (1.0, -1.0)
+            slopes(data, se3.exp(sign * place * PROBE) @ T, COARSE)[1].sum(0)
+            for sign in (1.0, -1.0)
         )
         change[:] = -0.5 * (ahead - back) * PROBE
     H = np.linalg.lstsq(places, changes, rcond=None)[0]
@@ -162,17 +163,5 @@ def curvature(data: Stack, T: Array, probes: int = 32) -> Array | None:
 
 def halves_apart(data: Stack, T: Array) -> tuple[float, float]:
     """Metres and radians between the tops of two disjoint halves of the marks and poles."""
-    poses = [polished(_half(data, odd), T) for odd in (0, 1)]
+    poses = [polished(part(data, data.group % 2 == odd), T, (FINE,)) for odd in (0, 1)]
     return se3.translation_error(*poses), se3.rotation_error(*poses)
-
-
-def _half(data: Stack, odd: int) -> Stack:
-    """Every other group, all of its points."""
-    kept = data.group % 2 == odd
-    before = np.concatenate([[0], np.cumsum(kept)])
-    return replace(
-        data,
-        points=np.ascontiguousarray(data.points[kept]),
-        group=data.group[kept],
-        start=np.asarray(before[data.start], np.int64),
-    )

@@ -72,7 +72,7 @@ def find_poles(
 
 
 @njit(cache=True, nogil=True)
-def _grow(points, cells, start, chosen):  # type: ignore[no-untyped-def]
+def _grow(points, cells, start, chosen):  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0915
     """Pole of each point, -1 for none, and (P, 2, 3) axes; points are sorted by cell."""
     member = np.full(len(points), -1, np.int64)
     ends = np.empty((POLES, 2, 3))

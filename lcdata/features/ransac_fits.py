@@ -115,7 +115,8 @@ def ransac_lines(
         (M, 2, 2) segments and (M,) their numbers of points.
     """
     left = np.ascontiguousarray(points, float)
-    segments, counts = [], []
+    segments: list[Array] = []
+    counts: list[int] = []
     while len(left) >= fewest and len(segments) < most:
         pairs = rng.integers(0, len(left), (trials, 2))
         step = max(1, len(left) // VOTERS)

@@ -41,7 +41,7 @@ GROUND_REACH_M = 50.0
 UPRIGHT_DEG = 35.0
 """Largest angle between the LiDAR's z axis and the ground's normal."""
 
-FLAT_CELL_M, FLAT_REACH_M, FLAT_SHARE = 2.0, 20.0, 0.6
+FLAT_CELL_M, FLAT_REACH_M, FLAT_SHARE = 2.0, 20.0, 0.45
 """Of the cells within reach, so many must have their lowest point on the plane."""
 
 FEWEST_GROUND = 500
@@ -103,6 +103,7 @@ class RoadCloud:
         pole_of: (M,) pole of each.
         pole_lines: (P, 2, 3) segments from below up.
         road: (K, 3) points of the ground that are no lane points.
+        directions: Of all lines of bright points that are straight, degrees from x.
     """
 
     R_ground_lidar: Array
@@ -114,6 +115,7 @@ class RoadCloud:
     pole_of: NDArray[np.int64]
     pole_lines: Array
     road: Array
+    directions: Array
 
 
 def road_cloud(pair: Pair, options: CloudOptions | None = None) -> RoadCloud:
@@ -153,7 +155,8 @@ def road_cloud(pair: Pair, options: CloudOptions | None = None) -> RoadCloud:
     bright[ground] = light > light.mean() + options.lane_sigmas * light.std()
     flat = points @ R.T
     bright &= np.hypot(flat[:, 0], flat[:, 1]) < LANE_REACH_M
-    turn = _along_lanes(*_lane_lines(flat[bright, :2], rng))
+    lines, counts = _lane_lines(flat[bright, :2], rng)
+    turn = _along_lanes(lines, counts)
     R, flat = turn @ R, flat @ turn.T
     inside = (np.abs(flat[:, 0]) < options.reach_m) & (np.abs(flat[:, 1]) < options.aside_m)
     bright &= inside
@@ -174,7 +177,15 @@ def road_cloud(pair: Pair, options: CloudOptions | None = None) -> RoadCloud:
         pole_of,
         pole_lines @ R,
         points[np.flatnonzero(ground & inside & ~bright)],
+        _directions(lines @ turn[:2, :2].T),
     )
+
+
+def _directions(lines: Array) -> Array:
+    """Angles of (L, 2, 2) lines to the x axis, -90..90 degrees."""
+    run = lines[:, 1] - lines[:, 0]
+    angle = np.arctan2(run[:, 1], run[:, 0])
+    return np.asarray(np.rad2deg((angle + np.pi / 2) % np.pi - np.pi / 2))
 
 
 def _ground(
@@ -256,9 +267,7 @@ def _along_lanes(segments: Array, counts: NDArray[np.int64]) -> Array:
 
 
 def _parallel(bright: Array, axis: int) -> Array:
-    """(L, 2, 2) lines along an axis of G, the clearest first: bands that have more points than
-    their neighbours on both sides.
-    """
+    """(L, 2, 2) lines along an axis of G: bands with more points than their neighbours."""
     points = _thinned(bright)
     segments: list[Array] = []
     while len(points) >= LANE_POINTS and len(segments) < LANE_LINES:

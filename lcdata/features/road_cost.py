@@ -1,9 +1,9 @@
-"""How well lane and pole points fall onto their masks (Ma et al. 2021, *CRLF*, eq. 8 and 9).
+r"""How well lane and pole points fall onto their masks (Ma et al. 2021, *CRLF*, eq. 8 and 9).
 
 Eq. (8) is put right: as printed, heights of mask pixels fall from the border inwards, and points
 would gather along borders. Here
 
-    H(q) = 1 - g0^d(q, R^2 \\ Q) / 2    in the mask Q,
+    H(q) = 1 - g0^d(q, R^2 \ Q) / 2    in the mask Q,
     H(q) = g1^d(q, Q) / 2               elsewhere,
 
 with the paper's city-block distances d: it rises from 0 far away to 1/2 at the border and to 1
@@ -49,7 +49,7 @@ def height_map(mask: Mask, gamma0: float = GAMMA0, gamma1: float = GAMMA1) -> Fl
     steps = np.arange(sum(mask.shape) + 2)
     inner = (1.0 - 0.5 * gamma0**steps).astype(np.float32)
     outer = (0.5 * gamma1**steps).astype(np.float32)
-    return np.where(mask, inner[deep.astype(np.int32)], outer[far.astype(np.int32)])
+    return np.asarray(np.where(mask, inner[deep.astype(np.int32)], outer[far.astype(np.int32)]))
 
 
 def flat_poses(T: Array) -> Array:
@@ -202,6 +202,26 @@ def group_slopes(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def map_values(pose, points, start, maps, place, shape, intrinsics):  # type: ignore[no-untyped-def]
+    """(N,) value of the nearest pixel of a map under each point of all pairs."""
+    values = np.zeros(len(points))
+    for v in range(len(start)):
+        for i in range(start[v, 0], start[v, 3]):
+            x, y, z = points[i]
+            c = pose[6] * x + pose[7] * y + pose[8] * z + pose[11]
+            if c < NEAR:
+                continue
+            a = intrinsics[v, 0] * (pose[0] * x + pose[1] * y + pose[2] * z + pose[9]) / c
+            b = intrinsics[v, 1] * (pose[3] * x + pose[4] * y + pose[5] * z + pose[10]) / c
+            a += intrinsics[v, 2] + 0.5
+            b += intrinsics[v, 3] + 0.5
+            if 0.0 <= a < shape[v, 1] and 0.0 <= b < shape[v, 0]:
+                first = place[v, 1 if i >= start[v, 2] else 0]
+                values[i] = maps[first + int(b) * shape[v, 1] + int(a)]
+    return values
+
+
+@njit(cache=True, nogil=True)
 def random_search(  # type: ignore[no-untyped-def]
     pose, points, start, maps, place, shape, intrinsics, metres, radians, settings, seed
 ):
@@ -223,7 +243,7 @@ def random_search(  # type: ignore[no-untyped-def]
     Returns:
         (12,) the pose with the largest J.
     """
-    np.random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002 - numba has no other
     best = pose.copy()
     trial = np.empty((1, 12))
     trial[0] = best
@@ -232,9 +252,9 @@ def random_search(  # type: ignore[no-untyped-def]
     axis = np.empty(3)
     while step >= least * (1.0 - 1e-9):
         for _ in range(int(count)):
-            angle = step * np.random.uniform(-radians, radians)
+            angle = step * np.random.uniform(-radians, radians)  # noqa: NPY002
             for k in range(3):
-                axis[k] = np.random.normal()
+                axis[k] = np.random.normal()  # noqa: NPY002
             axis /= np.sqrt(axis @ axis)
             s, c = np.sin(angle), 1.0 - np.cos(angle)
             x, y, z = axis
@@ -250,8 +270,11 @@ def random_search(  # type: ignore[no-untyped-def]
                     trial[0, 3 * i + j] = (
                         turn[i, 0] * best[j] + turn[i, 1] * best[3 + j] + turn[i, 2] * best[6 + j]
                     )
-                trial[0, 9 + i] = best[9 + i] + step * np.random.uniform(-metres, metres)
-            value = _total(class_means(trial, points, start, maps, place, shape, intrinsics, False, 1))
+                move = step * np.random.uniform(-metres, metres)  # noqa: NPY002
+                trial[0, 9 + i] = best[9 + i] + move
+            value = _total(
+                class_means(trial, points, start, maps, place, shape, intrinsics, False, 1)
+            )
             if value > most:
                 most = value
                 best[:] = trial[0]

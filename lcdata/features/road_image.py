@@ -109,6 +109,7 @@ def road_image(lane: Mask, pole: Mask | None, camera: Camera) -> RoadImage:
 
 
 def without_specks(mask: Mask) -> Mask:
+    """The mask without its smallest parts."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
@@ -131,7 +132,9 @@ def middles(mask: Mask) -> tuple[Array, Array]:
     padded = cv2.copyMakeBorder(mask.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     far = cv2.distanceTransform(padded, cv2.DIST_L2, 3)
     # Towards the middle the distance grows by 1 a pixel from either side and cancels there.
-    slope_x, slope_y = (cv2.Sobel(far, cv2.CV_32F, *d, ksize=3, scale=0.125) for d in ((1, 0), (0, 1)))
+    slope_x, slope_y = (
+        cv2.Sobel(far, cv2.CV_32F, *d, ksize=3, scale=0.125) for d in ((1, 0), (0, 1))
+    )
     flat = slope_x * slope_x + slope_y * slope_y < 0.3
     y, x = np.nonzero((flat & (padded > 0))[1:-1, 1:-1])
     return np.column_stack([x, y]).astype(float), far[1:-1, 1:-1][y, x].astype(float)

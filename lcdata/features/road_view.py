@@ -29,7 +29,7 @@ MARGIN = 0.05
 ROAD_REACH_M = 40.0
 """How far points of the road count that are no lane."""
 
-SEARCH_POINTS, LAST_POINTS = (900, 900, 600), (4000, 6000, 3000)
+SEARCH_POINTS, LAST_POINTS = (700, 700, 500), (2500, 3000, 2000)
 """Lane, road and pole points of a pair at most: in the search, and in its last steps."""
 
 HEIGHTS, FINE, COARSE = range(3)
@@ -43,22 +43,19 @@ class RoadView:
     Args:
         cloud: Lane marks and poles.
         image: Masks and lines.
-        lane_maps: (3, h, w) float32, 0..1: heights of eq. (8), and the lane mask with its border
-            drawn out, fine and coarse.
-        pole_maps: The same of poles.
+        maps: (3, 2, h, w) float32, 0..1: heights of eq. (8), and the masks with their borders
+            drawn out, fine and coarse; of lanes and of poles.
     """
 
     cloud: RoadCloud
     image: RoadImage
-    lane_maps: Floats
-    pole_maps: Floats
+    maps: Floats
 
 
 def road_view(cloud: RoadCloud, image: RoadImage) -> RoadView:
     """Maps of one pair's masks."""
-    return RoadView(
-        cloud, image, mask_maps(image.lane, image.focal), mask_maps(image.pole, image.focal)
-    )
+    both = [mask_maps(mask, image.focal) for mask in (image.lane, image.pole)]
+    return RoadView(cloud, image, np.stack(both, 1))
 
 
 def mask_maps(mask: Mask, focal: float) -> Floats:
@@ -83,6 +80,38 @@ def mask_maps(mask: Mask, focal: float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
+class Road:
+    """All pairs' views, their maps side by side.
+
+    Args:
+        views: Of each pair.
+        maps: (3, M) for each kind, a pair's lanes, then its poles, then the next pair's.
+        place: (V, 2) where a pair's lanes and poles start in them.
+        shape: (V, 2) rows and columns.
+        intrinsics: (V, 4) fx fy cx cy.
+    """
+
+    views: Sequence[RoadView]
+    maps: Floats
+    place: NDArray[np.int64]
+    shape: NDArray[np.int64]
+    intrinsics: Array
+
+
+def together(views: Sequence[RoadView]) -> Road:
+    """The views of pairs that share their extrinsic."""
+    flat = [view.maps.reshape(3, -1) for view in views]
+    first = np.concatenate([[0], np.cumsum([maps.shape[1] for maps in flat])])
+    return Road(
+        views,
+        flat[0] if len(flat) == 1 else np.concatenate(flat, 1),
+        np.column_stack([first[:-1], (first[:-1] + first[1:]) // 2]).astype(np.int64),
+        np.array([view.maps.shape[2:] for view in views], np.int64),
+        np.array([view.image.camera.intrinsics for view in views]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class Stack:
     """Points and maps of all pairs, side by side for the kernels.
 
@@ -91,10 +120,10 @@ class Stack:
         start: (V, 4) where each pair's lanes, road and poles start, and where they end.
         road_share: (V,) share of the road's points that were kept.
         group: (N,) mark or pole that a point belongs to; errors within one go together.
-        maps: (3, M) all pairs' maps, flat: for each kind, a pair's lanes, then its poles.
-        place: (V, 2) where a pair's lanes and poles start in them.
-        shape: (V, 2) rows and columns.
-        intrinsics: (V, 4) fx fy cx cy.
+        maps: See `Road`, as the rest.
+        place: (V, 2).
+        shape: (V, 2).
+        intrinsics: (V, 4).
     """
 
     points: Array
@@ -107,32 +136,30 @@ class Stack:
     intrinsics: Array
 
 
-def stack(
-    views: Sequence[RoadView], poses: Array, most: tuple[int, int, int] = SEARCH_POINTS
-) -> Stack:
+def stack(road: Road, poses: Array, most: tuple[int, int, int] = SEARCH_POINTS) -> Stack:
     """The points that are in view from one of the poses or nearly so.
 
     Args:
-        views: Of all pairs.
+        road: All pairs.
         poses: (P, 4, 4).
         most: Lane, road and pole points of a pair at most; of many pairs fewer.
     """
-    share = 1.0 / np.sqrt(len(views))
-    points, start, kept, groups, maps, place = [], [], [], [], [], []
-    at, cell, group = 0, 0, 0
-    for view in views:
+    share = 1.0 / np.sqrt(len(road.views))
+    points, start, kept, groups = [], [], [], []
+    at, group = 0, 0
+    for view in road.views:
         cloud = view.cloud
         lane = cloud.lanes[in_view(view, cloud.lanes, poses)]
         near = cloud.road[np.linalg.norm(cloud.road, axis=1) < ROAD_REACH_M]
-        road = near[in_view(view, near, poses)]
+        beside = near[in_view(view, near, poses)]
         seen = in_view(view, cloud.poles, poses)
         pole, pole_of = cloud.poles[seen], cloud.pole_of[seen]
         some = [
             _evenly(len(values), int(limit * share))
-            for values, limit in zip((lane, road, pole), most, strict=True)
+            for values, limit in zip((lane, beside, pole), most, strict=True)
         ]
-        lane, road_kept, pole = lane[some[0]], road[some[1]], pole[some[2]]
-        kept.append(len(road_kept) / max(len(road), 1))
+        lane, road_kept, pole = lane[some[0]], beside[some[1]], pole[some[2]]
+        kept.append(len(road_kept) / max(len(beside), 1))
         ground = np.concatenate([lane, road_kept])
         block = np.floor((ground @ cloud.R_ground_lidar.T)[:, :2] / [4.0, 1.75]).astype(np.int64)
         marks = np.unique(block @ np.array([1000, 1]), return_inverse=True)[1]
@@ -142,19 +169,15 @@ def stack(
         points += [lane, road_kept, pole]
         start.append(at + np.cumsum([0, len(lane), len(road_kept), len(pole)]))
         at = int(start[-1][3])
-        pixels = view.lane_maps[0].size
-        place.append([cell, cell + pixels])
-        cell += 2 * pixels
-        maps += [view.lane_maps.reshape(3, -1), view.pole_maps.reshape(3, -1)]
     return Stack(
         np.ascontiguousarray(np.concatenate(points), float),
         np.array(start, np.int64),
         np.array(kept),
         np.concatenate(groups),
-        np.ascontiguousarray(np.concatenate(maps, 1)),
-        np.array(place, np.int64),
-        np.array([view.lane_maps.shape[1:] for view in views], np.int64),
-        np.array([view.image.camera.intrinsics for view in views]),
+        road.maps,
+        road.place,
+        road.shape,
+        road.intrinsics,
     )
 
 

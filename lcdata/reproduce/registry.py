@@ -9,6 +9,8 @@ from lcdata.errors import CalibrationError
 from lcdata.reproduce.experiment import Experiment
 
 EXPERIMENTS = {
+    "crlf-fig7": "lcdata.reproduce.crlf_fig7",
+    "crlf-table": "lcdata.reproduce.crlf_table",
     "nid-table": "lcdata.reproduce.nid_table",
     "plk-table1": "lcdata.reproduce.plk_table1",
 }
