@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
 from lcdata.calibrators.evidence import Finding, agreeing, distance, fused
-from lcdata.calibrators.polish import Polished, polish
+from lcdata.calibrators.polish import Polished, confirm, polish
 from lcdata.calibrators.registry import create
 from lcdata.errors import CalibrationError, LcdataError
 from lcdata.pair import Pair
@@ -22,8 +22,8 @@ from lcdata.pair import Pair
 Array = NDArray[np.float64]
 
 SAME_DATA = frozenset({"wide"})
-"""Methods that look at intensities and edges themselves: what these say later is no second
-opinion to average with, only a finer one."""
+"""Methods that look at intensities and edges themselves and end at their lowest cost: they are
+confirmed, but there is nothing to refine them with."""
 
 FARTHEST = 2.0
 """Intensities and edges are believed within so many standard deviations of the first estimate,
@@ -54,7 +54,7 @@ class Cascade(Calibrator):
     1. `projection`, which needs straight edges and knows when it has found too few.
     2. Where it does not converge: `crlf`, if there are masks, and `wide`.
     3. Where none of them converges: two of them that come to the same pose.
-    4. Intensities and edges refine the estimate; they have to confirm it, too.
+    4. Intensities and edges confirm the estimate, and refine one of lines.
 
     Ours, not in a paper. Nothing is tuned to a kind of scene: what a step finds decides.
 
@@ -159,13 +159,26 @@ class Cascade(Calibrator):
         self, pairs: Sequence[Pair], ready: Sequence[Prepared], finding: Finding
     ) -> Polished | None:
         """The finding, refined by intensities and edges, where there are any."""
-        assert finding.result is not None
+        result = finding.result
+        assert result is not None
         method = create("nid_edge")
         try:
             features = [each.of(method) for each in ready]
         except CalibrationError:
             return None
-        return polish(features, finding.result.T_camera_lidar, self.seed)
+        if finding.by not in SAME_DATA:
+            return polish(features, result.T_camera_lidar, self.seed)
+        contrast = confirm(features, result.T_camera_lidar, self.seed)
+        if contrast is None:
+            return None
+        known = np.isfinite(result.covariance).all()
+        return Polished(
+            result.T_camera_lidar,
+            result.covariance if known else None,
+            contrast,
+            result.cost_final,
+            result.cost_initial,
+        )
 
     def _concluded(
         self, finding: Finding, confirmed: Polished | None
@@ -180,12 +193,14 @@ class Cascade(Calibrator):
             return result, False, f"intensities and edges do not confirm it ({told})"
         if confirmed.covariance is None:
             return result, False, f"intensities and edges leave a direction open ({told})"
+        if finding.by in SAME_DATA:
+            return result, True, f"confirmed by intensities and edges ({told})"
         apart = distance(
             result.T_camera_lidar, result.covariance, confirmed.T, confirmed.covariance
         )
         if apart > FARTHEST:
             return result, False, f"intensities and edges disagree by {apart:.1f} sigma ({told})"
-        if finding.by in SAME_DATA or not finding.trusted or math.isnan(apart):
+        if not finding.trusted or math.isnan(apart):
             T, covariance = confirmed.T, confirmed.covariance
             words = f"refined by intensities and edges ({told})"
         else:

@@ -53,6 +53,20 @@ class Polished:
     cost_before: float
 
 
+def confirm(features: Sequence[NidFeatures], T: Array, seed: int = 0) -> float | None:
+    """Contrast of a pose as it is, see `Polished.contrast`; None where too few points are in view.
+
+    Args:
+        features: Of each pair, with edges.
+        T: 4x4 `T_camera_lidar`.
+        seed: Of what is drawn at random.
+    """
+    current = limited(objective(features, T, True), seed)
+    if current.inside < FEWEST_POINTS * len(features):
+        return None
+    return landscape(current, T, AROUND, np.random.default_rng([seed, 3]))[1]
+
+
 def polish(features: Sequence[NidFeatures], T: Array, seed: int = 0) -> Polished | None:
     """Register intensities and edges from a pose that is nearly right.
 
