@@ -15,10 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lcdata.features.nid_kernels import FAST
 from lcdata.features.nid_views import NidImage
 from lcdata.features.scan_grid import ring_from_elevation, ring_from_scan_order
-from lcdata.geometry.camera_kernels import project_point, project_point_jacobian
+from lcdata.geometry.camera_kernels import FAST, project_point, project_point_jacobian
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

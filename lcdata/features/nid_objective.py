@@ -86,9 +86,9 @@ def nid_features(pair: Pair, with_edges: bool) -> NidFeatures:
     with np.errstate(invalid="ignore", over="ignore"):
         points = np.asarray(pair.points, np.float32)
         intensity = np.asarray(pair.intensity, np.float32)
-        good = np.isfinite(points).all(axis=1) & np.isfinite(intensity)
-        good &= np.abs(points).sum(axis=1) > NEAREST_M
-        good &= np.abs(points).max(axis=1, initial=0.0) < 1e6
+        x, y, z = np.abs(points.T)
+        good = np.isfinite(intensity) & (x + y + z > NEAREST_M)
+        good &= (x < 1e6) & (y < 1e6) & (z < 1e6)  # and no NaN
     light = intensity[good]
     if len(light) and light.min() == light.max():
         raise CalibrationError(
