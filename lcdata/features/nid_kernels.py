@@ -22,6 +22,29 @@ BINS = 16
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def move(pose, points, block):  # type: ignore[no-untyped-def]
+    """Fill the first rows of a block with points in the camera frame."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = pose
+    for j in range(points.shape[0]):
+        x, y, z = np.float64(points[j, 0]), np.float64(points[j, 1]), np.float64(points[j, 2])
+        block[j] = r00 * x + r01 * y + r02 * z + tx
+        block[BLOCK + j] = r10 * x + r11 * y + r12 * z + ty
+        block[2 * BLOCK + j] = r20 * x + r21 * y + r22 * z + tz
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def place_pixels(block, width, height, place):  # type: ignore[no-untyped-def]
+    """Where in a flat image the nearest pixels of a projected block are; -1 outside."""
+    right, bottom = width - 0.5, height - 0.5
+    for j in range(BLOCK):
+        u, v = block[3 * BLOCK + j], block[4 * BLOCK + j]
+        ok = (u >= -0.5) & (v >= -0.5) & (u < right) & (v < bottom)
+        pixel = np.int32((v if ok else 0.0) + 0.5) * np.int32(width)
+        pixel += np.int32((u if ok else 0.0) + 0.5)
+        place[j] = pixel if ok else np.int32(-1)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def count_hard(model, parameters, poses, points, bins, image, counts):  # type: ignore[no-untyped-def]
     """Add to the joint histograms of many poses on one image.
 
@@ -36,7 +59,6 @@ def count_hard(model, parameters, poses, points, bins, image, counts):  # type: 
     """
     height, width = image.shape
     pixels = image.reshape(-1)
-    right, bottom = width - 0.5, height - 0.5
     count = points.shape[0]
     across, down = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
     ahead = points[:, 2].astype(np.float64)
@@ -54,12 +76,7 @@ def count_hard(model, parameters, poses, points, bins, image, counts):  # type: 
                 block[BLOCK + j] = r10 * x + r11 * y + r12 * z + ty
                 block[2 * BLOCK + j] = r20 * x + r21 * y + r22 * z + tz
             project_block(model, parameters, block)
-            for j in range(BLOCK):
-                u, v = block[3 * BLOCK + j], block[4 * BLOCK + j]
-                ok = (u >= -0.5) & (v >= -0.5) & (u < right) & (v < bottom)
-                pixel = np.int32((v if ok else 0.0) + 0.5) * np.int32(width)
-                pixel += np.int32((u if ok else 0.0) + 0.5)
-                place[j] = pixel if ok else np.int32(-1)
+            place_pixels(block, width, height, place)
             for j in range(size):
                 if place[j] >= 0:
                     row = (j & 1) * BINS + bins[start + j]
@@ -67,17 +84,6 @@ def count_hard(model, parameters, poses, points, bins, image, counts):  # type: 
         for a in range(BINS):
             for b in range(BINS):
                 counts[k, a, b] += table[a * BINS + b] + table[(BINS + a) * BINS + b]
-
-
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _move(pose, points, block):  # type: ignore[no-untyped-def]
-    """Fill the first rows of a block with points in the camera frame."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = pose
-    for j in range(points.shape[0]):
-        x, y, z = np.float64(points[j, 0]), np.float64(points[j, 1]), np.float64(points[j, 2])
-        block[j] = r00 * x + r01 * y + r02 * z + tx
-        block[BLOCK + j] = r10 * x + r11 * y + r12 * z + ty
-        block[2 * BLOCK + j] = r20 * x + r21 * y + r22 * z + tz
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
@@ -122,7 +128,7 @@ def count_soft(model, parameters, pose, points, bins, image, border, counts, kep
     table = np.zeros(2 * BINS * BINS)
     for start in range(0, points.shape[0], BLOCK):
         size = min(BLOCK, points.shape[0] - start)
-        _move(pose, points[start : start + size], block)
+        move(pose, points[start : start + size], block)
         project_block_jacobian(model, parameters, block)
         for j in range(size):
             i = start + j
