@@ -17,6 +17,7 @@ from lcdata.pair import Pair
 Array = NDArray[np.float64]
 
 ROUTES = ("auto", "edges", "matching")
+MATCHER_NAMES = ("classical", "learned")
 
 SUCCESS_ROTATION_DEG = 1.0
 SUCCESS_TRANSLATION_M = 0.5
@@ -99,6 +100,10 @@ class GuessOptions:
         if self.route not in ROUTES:
             raise CalibrationError(
                 f"unknown route {self.route!r} to an initial guess", f"use {', '.join(ROUTES)}"
+            )
+        if self.matcher not in MATCHER_NAMES:
+            raise CalibrationError(
+                f"unknown matcher {self.matcher!r}", f"use {' or '.join(MATCHER_NAMES)}"
             )
         for name in ("rotate_camera", "rotate_lidar"):
             if getattr(self, name) not in {0, 90, 180, 270}:
