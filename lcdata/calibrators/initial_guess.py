@@ -79,6 +79,8 @@ class GuessOptions:
         matcher: Name of the matcher, see `lcdata.features.image_matching`.
         rotate_camera: Turn the camera's image by so many degrees before matching: 0, 90, 180, 270.
         rotate_lidar: The same of the LiDAR's image.
+        one_view: Match the cloud as the paper's one virtual camera sees it (a pinhole below 150
+            degrees, else equirectangular), and not as six pinholes do.
         upright: Factor on the evidence of poses in which the LiDAR's z axis points up in the image
             (within 60 degrees): 1 for no such belief. It decides near ties only.
         reach_m: Largest translation along each axis that is searched, metres.
@@ -92,6 +94,7 @@ class GuessOptions:
     matcher: str = "classical"
     rotate_camera: int = 0
     rotate_lidar: int = 0
+    one_view: bool = False
     upright: float = UPRIGHT
     reach_m: float = 1.0
     seed: int = 0
@@ -170,7 +173,8 @@ def _by_matching(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
     from lcdata.features.image_matching import make_matcher
 
     matcher = make_matcher(options.matcher)
-    found = pose_from_matching(pairs, matcher, options.rotate_camera, options.rotate_lidar)
+    turns = options.rotate_camera, options.rotate_lidar
+    found = pose_from_matching(pairs, matcher, *turns, options.one_view)
     return InitialGuess(
         found.T_camera_lidar,
         not found.doubts,

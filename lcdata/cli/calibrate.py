@@ -48,7 +48,8 @@ def calibrate(
     ] = "truth",
     route: Annotated[str, typer.Option(help="Of --init auto: auto, edges or matching.")] = "auto",
     matcher: Annotated[
-        str, typer.Option(help="Of --init auto: classical, or learned (lcdata[learned]).")
+        str,
+        typer.Option(help="Of --init auto: classical, or learned (needs the extra of that name)."),
     ] = "classical",
     rotate_camera: Annotated[
         int, typer.Option(help="Of --init auto: turn images before matching, 0, 90, 180, 270 deg.")
