@@ -17,6 +17,7 @@ from lcdata.pair import Pair
 Array = NDArray[np.float64]
 
 ROUTES = ("auto", "edges", "matching")
+MATCHER_NAMES = ("classical", "learned")
 
 SUCCESS_ROTATION_DEG = 1.0
 SUCCESS_TRANSLATION_M = 0.5
@@ -78,6 +79,8 @@ class GuessOptions:
         matcher: Name of the matcher, see `lcdata.features.image_matching`.
         rotate_camera: Turn the camera's image by so many degrees before matching: 0, 90, 180, 270.
         rotate_lidar: The same of the LiDAR's image.
+        one_view: Match the cloud as the paper's one virtual camera sees it (a pinhole below 150
+            degrees, else equirectangular), and not as six pinholes do.
         upright: Factor on the evidence of poses in which the LiDAR's z axis points up in the image
             (within 60 degrees): 1 for no such belief. It decides near ties only.
         reach_m: Largest translation along each axis that is searched, metres.
@@ -91,6 +94,7 @@ class GuessOptions:
     matcher: str = "classical"
     rotate_camera: int = 0
     rotate_lidar: int = 0
+    one_view: bool = False
     upright: float = UPRIGHT
     reach_m: float = 1.0
     seed: int = 0
@@ -99,6 +103,10 @@ class GuessOptions:
         if self.route not in ROUTES:
             raise CalibrationError(
                 f"unknown route {self.route!r} to an initial guess", f"use {', '.join(ROUTES)}"
+            )
+        if self.matcher not in MATCHER_NAMES:
+            raise CalibrationError(
+                f"unknown matcher {self.matcher!r}", f"use {' or '.join(MATCHER_NAMES)}"
             )
         for name in ("rotate_camera", "rotate_lidar"):
             if getattr(self, name) not in {0, 90, 180, 270}:
@@ -165,7 +173,8 @@ def _by_matching(pairs: Sequence[Pair], options: GuessOptions) -> InitialGuess:
     from lcdata.features.image_matching import make_matcher
 
     matcher = make_matcher(options.matcher)
-    found = pose_from_matching(pairs, matcher, options.rotate_camera, options.rotate_lidar)
+    turns = options.rotate_camera, options.rotate_lidar
+    found = pose_from_matching(pairs, matcher, *turns, options.one_view)
     return InitialGuess(
         found.T_camera_lidar,
         not found.doubts,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lcdata.errors import CalibrationError
 from lcdata.features.image_faces import image_faces
 from lcdata.features.image_matching import Matcher, match_turned
-from lcdata.features.lidar_view import views_around
+from lcdata.features.lidar_view import lidar_view, views_around
 from lcdata.features.point_pose import point_pose
 from lcdata.features.rotation_ransac import rotation_ransac
 from lcdata.pair import Pair
@@ -46,7 +46,11 @@ class MatchedPose:
 
 
 def pose_from_matching(
-    pairs: Sequence[Pair], matcher: Matcher, turn_camera: int = 0, turn_lidar: int = 0
+    pairs: Sequence[Pair],
+    matcher: Matcher,
+    turn_camera: int = 0,
+    turn_lidar: int = 0,
+    one_view: bool = False,
 ) -> MatchedPose:
     """Match every face of the images with every view of the clouds.
 
@@ -55,11 +59,12 @@ def pose_from_matching(
         matcher: What matches two images.
         turn_camera: See `match_turned`.
         turn_lidar: See `match_turned`.
+        one_view: Draw a cloud by the paper's one virtual camera (`lidar_view`) and not by six.
 
     Raises:
         CalibrationError: Too few matches, or matches that no pose fits.
     """
-    found = [_matches(pair, matcher, turn_camera, turn_lidar) for pair in pairs]
+    found = [_matches(pair, matcher, turn_camera, turn_lidar, one_view) for pair in pairs]
     pixels, points, bearings = (np.concatenate(part) for part in zip(*found, strict=True))
     # A key point may have two orientations; its place counts once.
     once = np.unique(np.rint(pixels / 2.0), axis=0, return_index=True)[1]
@@ -81,11 +86,14 @@ def pose_from_matching(
 
 
 def _matches(
-    pair: Pair, matcher: Matcher, turn_camera: int, turn_lidar: int
+    pair: Pair, matcher: Matcher, turn_camera: int, turn_lidar: int, one_view: bool
 ) -> tuple[Array, Array, Array]:
     """(M, 2) raw pixels, (M, 3) points and (M, 3) bearings in the camera frame."""
     pixels, points, bearings = [np.zeros((0, 2))], [np.zeros((0, 3))], [np.zeros((0, 3))]
-    views = views_around(pair.points, pair.intensity, focal=FOCAL, size=SIZE)
+    if one_view:
+        views = [lidar_view(pair.points, pair.intensity)]
+    else:
+        views = views_around(pair.points, pair.intensity, focal=FOCAL, size=SIZE)
     for face in image_faces(pair.image, pair.camera):
         for view in views:
             found = match_turned(matcher, face.image, view.intensity, turn_camera, turn_lidar)

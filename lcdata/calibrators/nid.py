@@ -180,6 +180,7 @@ class Nid(NidCalibrator):
     """Minimise the NID of LiDAR and image intensities (Koide et al. 2023, section III-E)."""
 
     name: ClassVar[str] = "nid"
+    version: ClassVar[int] = 2
     with_edges: ClassVar[bool] = False
 
     search_translation_m: float = 0.3
@@ -194,6 +195,7 @@ class NidEdge(NidCalibrator):
     """NID and edges together: for sparse scans, several pairs jointly. Ours, not in the paper."""
 
     name: ClassVar[str] = "nid_edge"
+    version: ClassVar[int] = 2
     with_edges: ClassVar[bool] = True
 
     def prepare(self, pair: Pair) -> NidFeatures:

@@ -49,9 +49,21 @@ def calibrate(
         str,
         typer.Option(
             help="Where to start: the ground truth with that error (truth), a guess from the pair "
-            "alone (auto), picks (`lcdata pick`), or a CSV of matches u,v,x,y,z."
+            "alone (auto), picks (`lcdata pick`), a CSV of matches u,v,x,y,z, or calib.json or "
+            "BAG_matches.json of direct_visual_lidar_calibration."
         ),
     ] = "truth",
+    route: Annotated[str, typer.Option(help="Of --init auto: auto, edges or matching.")] = "auto",
+    matcher: Annotated[
+        str,
+        typer.Option(help="Of --init auto: classical, or learned (needs the extra of that name)."),
+    ] = "classical",
+    rotate_camera: Annotated[
+        int, typer.Option(help="Of --init auto: turn images before matching, 0, 90, 180, 270 deg.")
+    ] = 0,
+    rotate_lidar: Annotated[
+        int, typer.Option(help="The same of the LiDAR's intensity images.")
+    ] = 0,
     trials: Trials = 1,
     seed: Seed = 0,
     joint: Annotated[
@@ -64,24 +76,37 @@ def calibrate(
     """Run methods from perturbed initial guesses, or from given ones, and store the results."""
     from lcdata.calibrators.settings import configured
     from lcdata.dataset import Dataset
+    from lcdata.errors import CalibrationError
     from lcdata.evaluation import run_trials, summary_lines
-    from lcdata.evaluation.automatic import automatic_guesses
+    from lcdata.evaluation.automatic import automatic_guesses, source_of
     from lcdata.evaluation.given import given_guesses
 
     chosen = configured(names(methods), settings or ())
     opened = Dataset.open(dataset)
     source, initial = "", None
     group = "pose" if joint else "pair"
+    how: dict[str, object] = {
+        "route": route,
+        "matcher": matcher,
+        "rotate_camera": rotate_camera,
+        "rotate_lidar": rotate_lidar,
+    }
+    if init != "auto" and (unused := source_of(how).removeprefix("auto")):
+        raise CalibrationError(
+            f"--init {init} does not match images ({unused[1:]})", "use it with --init auto"
+        )
     if init == "auto":
         with progress_bar(quiet=as_json) as progress:
             found = automatic_guesses(
-                opened, group=group, jobs=jobs, force=force, progress=progress
+                opened, group=group, jobs=jobs, force=force, options=how, progress=progress
             )
-        source, initial = init, found.initial
+        source, initial = found.source, found.initial
         for note in found.notes:
             typer.echo(f"lcdata: note: {note}", err=True)
     elif init != "truth":
-        source, initial = given_guesses(opened, init)
+        source, initial = given_guesses(
+            opened, init, lambda words: typer.echo(f"lcdata: note: {words}", err=True)
+        )
     given = {pair.pair_id for pair in opened.pairs} if initial is None else initial.keys()
     if left_out := len({pair.pair_id for pair in opened.pairs} - given):
         pairs = counted(left_out, "pair")

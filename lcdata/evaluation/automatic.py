@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,16 +32,38 @@ class AutomaticGuesses:
     Args:
         initial: 4x4 `T_camera_lidar` by pair_id; pairs that nothing was found of are not in it.
         notes: What a user should know, a line for each guess that is not to be trusted.
+        source: Word that names the run of their trials.
     """
 
     initial: dict[str, NDArray[np.float64]]
     notes: tuple[str, ...]
+    source: str = SOURCE
+
+
+def source_of(options: Mapping[str, object]) -> str:
+    """Word that names the run of guesses: other options, other guesses, another run.
+
+    Args:
+        options: See `lcdata.calibrators.initial_guess.GuessOptions`; those left at their defaults
+            are not named.
+    """
+    from lcdata.calibrators.initial_guess import GuessOptions
+
+    usual = GuessOptions()
+    GuessOptions(**options)  # type: ignore[arg-type]  # refuses what makes no sense
+    words = [
+        f"{name.replace('_', '-')}-{value}"
+        for name, value in sorted(options.items())
+        if value != getattr(usual, name)
+    ]
+    return "-".join([SOURCE, *words])
 
 
 @dataclass(frozen=True)
 class _Task:
     dataset: Path
     pair_ids: tuple[str, ...]
+    options: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,29 +79,34 @@ def automatic_guesses(
     group: str = "pair",
     jobs: int | None = None,
     force: bool = False,
+    options: Mapping[str, object] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> AutomaticGuesses:
     """Guess the extrinsic of each pair, or of all pairs of each arm pose together.
 
-    Guesses that this version has found before, and that trials have started from, are taken again.
+    Guesses that this version has found before with the same options, and that trials have started
+    from, are taken again.
 
     Args:
         dataset: The data set.
         group: "pair" or "pose".
         jobs: Number of processes; None for one a processor, 0 for none (in this process).
         force: Look for all of them again.
+        options: How to look, see `lcdata.calibrators.initial_guess.GuessOptions`.
         progress: Called as guesses are found.
 
     Raises:
-        CalibrationError: No pair has a guess.
+        CalibrationError: No pair has a guess, or an option makes no sense.
     """
+    options = dict(options or {})
+    source = source_of(options)
     groups: dict[str, list[str]] = {}
     for pair in dataset.pairs:
         name = pair.pair_id if group == "pair" else pair.pose_id
         groups.setdefault(name, []).append(pair.pair_id)
-    initial = {} if force else _stored(dataset, group)
+    initial = {} if force else _stored(dataset, group, source)
     tasks = deque(
-        _Task(Path(dataset.path).resolve(), tuple(pair_ids))
+        _Task(Path(dataset.path).resolve(), tuple(pair_ids), options)
         for pair_ids in groups.values()
         if pair_ids[0] not in initial
     )
@@ -103,12 +130,12 @@ def automatic_guesses(
             f"no initial guess was found: {notes[0] if notes else 'no pairs'}",
             "pick matches by hand: lcdata pick",
         )
-    return AutomaticGuesses(initial, tuple(notes))
+    return AutomaticGuesses(initial, tuple(notes), source)
 
 
-def _stored(dataset: Dataset, group: str) -> dict[str, NDArray[np.float64]]:
+def _stored(dataset: Dataset, group: str, source: str) -> dict[str, NDArray[np.float64]]:
     """Guesses that stored trials started from."""
-    run = GivenGuesses(group=group, source=SOURCE).run
+    run = GivenGuesses(group=group, source=source).run
     return {
         pair_id: trial.T_camera_lidar_initial
         for trial in read_results(dataset, run).trials
@@ -124,7 +151,7 @@ def _find(task: _Task) -> Iterator[_Found]:
 
     try:
         dataset = Dataset.open(task.dataset)
-        found = guess([dataset.load(pair_id) for pair_id in task.pair_ids])
+        found = guess([dataset.load(name) for name in task.pair_ids], **task.options)
     except (LcdataError, OSError) as error:
         yield _Found(task.pair_ids, None, f"no initial guess: {error}")
         return

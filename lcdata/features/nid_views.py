@@ -13,9 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lcdata.features.nid_kernels import BINS, FAST
+from lcdata.features.nid_kernels import BINS
 from lcdata.geometry import camera_kernels
 from lcdata.geometry.camera import Camera
+from lcdata.geometry.camera_kernels import FAST
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -26,6 +27,9 @@ FINEST = 1000.0
 
 BLUR = 0.0015
 """Standard deviation of the image's blur, radians: about that of the LiDAR's spot."""
+
+LEVELS = 1 << 15
+"""Steps of the blurred image's range within which pixels have the same rank."""
 
 GREY_NOISE = 3.0
 """Spread of grey values below which a neighbourhood is flat."""
@@ -104,7 +108,7 @@ def nid_image(image: Bytes, camera: Camera, neighbourhood: float = 0.0) -> NidIm
         smooth -= cv2.blur(smooth, box, borderType=cv2.BORDER_REFLECT)
         square = cv2.blur(smooth * smooth, box, borderType=cv2.BORDER_REFLECT)
         smooth /= np.sqrt(square + GREY_NOISE**2)
-    rank = equalised(smooth)
+    rank = equalised_levels(smooth)
     return NidImage(
         np.ascontiguousarray(grey),
         camera,
@@ -130,6 +134,20 @@ def equalised(values: NDArray[Any]) -> Floats:
     ranks = np.empty(len(flat), np.float32)
     ranks[order] = np.repeat((first + 0.5 * count) / max(len(ordered), 1), count)
     return np.minimum(ranks, np.float32(1 - 1e-6)).reshape(values.shape)
+
+
+def equalised_levels(values: Floats) -> Floats:
+    """`equalised` of pixels in `LEVELS` equal steps: without sorting a million of them.
+
+    Args:
+        values: Any shape, finite.
+    """
+    lowest, highest = float(values.min()), float(values.max())
+    step = max(highest - lowest, 1e-9) / (LEVELS - 1)
+    level = ((values - np.float32(lowest)) * np.float32(1.0 / step)).astype(np.uint16)
+    count = np.bincount(level.reshape(-1), minlength=LEVELS)
+    rank = ((np.cumsum(count) - 0.5 * count) / values.size).astype(np.float32)
+    return np.minimum(rank, np.float32(1 - 1e-6))[level]
 
 
 @dataclass(frozen=True, eq=False)

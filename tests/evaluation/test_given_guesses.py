@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from lcdata.dataset import Dataset
 from lcdata.dataset.picks import picks_path, write_picks
 from lcdata.errors import CalibrationError
 from lcdata.evaluation import read_results, run_trials
+from lcdata.evaluation.automatic import source_of
 from lcdata.evaluation.given import given_guesses
 from lcdata.features.point_pose import point_pose
 from lcdata.geometry import se3
@@ -103,3 +105,27 @@ def test_methods_start_from_matches_of_a_file(dataset: Dataset, tmp_path: Path) 
         run_trials(dataset, [Blobs()], initial=initial, pair_ids=[dataset.pairs[0].pair_id])
     with pytest.raises(CalibrationError, match="no initial guess 'guess': use truth, picks"):
         given_guesses(dataset, "guess")
+
+
+def test_a_toolbox_calib_json_starts_all_pairs(dataset: Dataset, tmp_path: Path) -> None:
+    T = dataset.poses[0].T_camera_lidar
+    written = se3.to_xyz_xyzw(se3.inverse(T)).tolist()
+    (tmp_path / "calib.json").write_text(json.dumps({"results": {"T_lidar_camera": written}}))
+    notes: list[str] = []
+    source, initial = given_guesses(dataset, str(tmp_path / "calib.json"), notes.append)
+    assert source == f"toolbox-{tmp_path.name}-calib"
+    assert notes == ["calib.json: results.T_lidar_camera maps camera to LiDAR and was inverted"]
+    assert set(initial) == {record.pair_id for record in dataset.pairs}
+    for guess in initial.values():
+        np.testing.assert_allclose(guess, T, atol=1e-9)
+
+
+def test_automatic_guesses_of_other_options_are_another_run() -> None:
+    assert source_of({}) == source_of({"matcher": "classical", "rotate_camera": 0}) == "auto"
+    turned = source_of({"rotate_lidar": 90, "matcher": "classical"})
+    assert turned == "auto-rotate-lidar-90"
+    assert len({source_of({"route": r}) for r in ("auto", "edges", "matching")}) == 3
+    with pytest.raises(CalibrationError, match="rotate_camera is 45: give 0, 90"):
+        source_of({"rotate_camera": 45})
+    with pytest.raises(CalibrationError, match="unknown matcher 'glue'"):
+        source_of({"matcher": "glue"})

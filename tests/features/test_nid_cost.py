@@ -7,7 +7,7 @@ from nid_scene import CAMERA, textured_pair
 from lcdata.features.nid_cost import cost_of, cost_slopes, nid
 from lcdata.features.nid_kernels import BINS, count_hard, count_soft
 from lcdata.features.nid_objective import nid_features, objective
-from lcdata.features.nid_views import equalised, flat
+from lcdata.features.nid_views import equalised, equalised_levels, flat
 from lcdata.geometry import se3
 
 
@@ -56,6 +56,15 @@ def test_equal_values_share_a_rank():
     assert ranks.min() >= 0
     assert ranks.max() < 1
     assert np.histogram(ranks, 16, (0, 1))[0] == pytest.approx(625, abs=1)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
+def test_ranks_of_levels_are_those_of_sorted_values(scale):
+    values = (np.random.default_rng(0).normal(size=(200, 300)) * scale).astype(np.float32)
+    np.testing.assert_allclose(equalised_levels(values), equalised(values), atol=2e-4)
+    values[:, :100] = values.max()  # an overexposed third
+    np.testing.assert_allclose(equalised_levels(values), equalised(values), atol=2e-4)
+    assert equalised_levels(values).max() == pytest.approx(1 - 1 / 6, abs=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -99,6 +99,30 @@ def test_compiled_points_equal_arrays(camera):
         assert kernels.project_point(model, p, *point) == pytest.approx((u, v, ok), nan_ok=True)
 
 
+@every
+def test_compiled_blocks_equal_points(camera):
+    from lcdata.geometry import camera_kernels as kernels
+
+    model, p = kernels.model_id(camera), kernels.parameters(camera)
+    block = np.full(kernels.BLOCK_ROWS * kernels.BLOCK, -7.0)
+    rows = block.reshape(kernels.BLOCK_ROWS, kernels.BLOCK)
+    points = points_around(kernels.BLOCK, 4)
+    points[:3] = [[np.nan, 0, 1], [0, 0, 0], [0, 0, -1]]
+    rows[:3] = points.T
+    pixels, jacobian, _ = camera.project_jacobian(points)
+    seen = np.isfinite(pixels).all(axis=1)
+    assert seen.sum() > 20
+    for project in (kernels.project_block, kernels.project_block_jacobian):
+        rows[3:] = -7.0
+        project(model, p, block)
+        np.testing.assert_array_equal(np.isfinite(rows[3]), seen)
+        np.testing.assert_allclose(rows[3:5, seen].T, pixels[seen], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(
+        rows[5:, seen].T, jacobian[seen].reshape(-1, 6), rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_array_equal(rows[:3], points.T)
+
+
 @pytest.mark.parametrize("name", ["plumb_bob", "rational", "prism", "tilted", "fisheye_200_deg"])
 def test_formulas_equal_opencv(name):
     camera = CAMERAS[name]
