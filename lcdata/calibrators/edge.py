@@ -26,7 +26,7 @@ from lcdata.features.edge_features import EdgeFeatures, edge_features
 from lcdata.features.edge_steps import StepCost, step_view
 from lcdata.features.nid_registration import CANDIDATES, averaged
 from lcdata.features.nid_registration import search as search_cost
-from lcdata.features.nid_search import bfgs
+from lcdata.features.nid_search import bfgs, different
 from lcdata.features.nid_views import whereabouts
 from lcdata.geometry import se3
 from lcdata.pair import Pair
@@ -37,6 +37,9 @@ VARIANTS = ("auto", "continuous", "discontinuity")
 
 FEWEST_POINTS = 60
 """Edge points in view of a pair below which there is nothing to align."""
+
+ROUGH, ROUGH_POINTS = 12, 1500
+"""Poses of the search that are aligned with so many edge points a pair."""
 
 ENOUGH_POINTS = 1200
 """Edge points with direction in view of a pair from which on "auto" needs no others: 1400 and more
@@ -179,8 +182,11 @@ class Edge(Calibrator):
         current = self._alignment(features, T_initial)
         if current.count < FEWEST_POINTS * len(features):
             return _blind(features, T_initial, current.count, started)
-        starts = rough_poses(current, T_initial, self.box, self.search_samples, CANDIDATES, rng)
-        minima = sorted((current.minimise(T, GATES[1:]) for T in starts), key=_cost)
+        starts = rough_poses(current, T_initial, self.box, self.search_samples, ROUGH, rng)
+        thin = current.thinned(ROUGH_POINTS * len(features), rng)
+        rough = sorted((thin.minimise(T, GATES[1:]) for T in starts), key=_cost)
+        apart = different(np.array([r.T for r in rough]), CANDIDATES, 0.05 * self.box)
+        minima = sorted((current.minimise(T, GATES[-2:]) for T in apart), key=_cost)
         found = minima[0]
         for _ in range(self.rounds):
             current = self._alignment(features, found.T)

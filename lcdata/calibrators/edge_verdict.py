@@ -7,12 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.calibrators.nid_verdict import AGREE_M, AGREE_RAD, REACH
+from lcdata.calibrators.nid_verdict import REACH
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.edge_alignment import GATES, Aligned, Alignment, Matches
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
+
+AGREE_M, AGREE_RAD = 0.06, np.deg2rad(0.3)
+"""Halves of the data must come to poses this close: tighter than a success may be off, because
+the same clutter draws both halves."""
 
 FEWEST_MATCHES = 150
 """Matched edge points a pair below which a pose may be a coincidence."""
@@ -29,7 +33,7 @@ MIN_CONTRAST = 3.0
 RIVAL = 0.93
 """Another minimum of at least so much of the gain makes the result ambiguous."""
 
-INFLATION = 4.0
+INFLATION = 20.0
 """Variance of the estimate over the predicted one, measured on simulated pairs."""
 
 

@@ -330,7 +330,7 @@ def rough_poses(
     costs = [lambda poses, level=level: thin.costs(poses, level) for level in range(3)]
     half_width = np.concatenate([box[3:], box[:3]])
     poses, _ = shrinking_search(costs, T, half_width, samples, STAGES, rng)
-    return different(poses, candidates, 0.05 * box)
+    return different(poses, candidates, 0.1 * box)
 
 
 def lidar_variance(a: Array, turned: Array, noise: EdgeNoise) -> Array:

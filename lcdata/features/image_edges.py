@@ -125,7 +125,8 @@ def image_edges(image: NidImage) -> ImageEdges:
     smooth = cv2.GaussianBlur(image.grey, (0, 0), max(BLUR * focal, 0.6))
     gx, gy = (cv2.Sobel(smooth, cv2.CV_16S, dx, 1 - dx) for dx in (1, 0))
     strength = np.hypot(gx.astype(np.float32), gy.astype(np.float32))
-    high = max(float(np.percentile(strength, STRONG_PERCENTILE)), LEAST_GRADIENT)
+    high = min(float(np.percentile(strength, STRONG_PERCENTILE)), 0.6 * float(strength.max()))
+    high = max(high, LEAST_GRADIENT)
     edges = cv2.Canny(gx, gy, WEAK_SHARE * high, high, L2gradient=True)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(edges, connectivity=8)
     long = stats[:, cv2.CC_STAT_AREA] >= SHORTEST * focal

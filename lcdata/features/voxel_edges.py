@@ -34,7 +34,7 @@ FEWEST_POINTS = 60
 DISTANCE_LIMITS_M = 0.015, 0.06
 """RANSAC's distance follows the noise of the cloud between the paper's and this."""
 
-NOISE_FACTOR = 2.5
+NOISE_FACTOR = 3.0
 
 LARGEST_COSINE = np.cos(np.deg2rad(30.0))
 """Planes at 30 to 150 degrees have a line (the paper's)."""
@@ -56,6 +56,9 @@ planes that only cross, as those of a bush do, are no edge."""
 
 SAMPLE = 0.004
 """Spacing of edge points, as seen from the scanner, radians."""
+
+BESIDE_COSINE, BESIDE_M = np.cos(np.deg2rad(10.0)), 0.06
+"""A plane so parallel and so near to a face of its voxel is left to the other grid."""
 
 LARGEST_SIGMA_M = 0.04
 """Lines that their planes hold worse than this are left out."""
@@ -85,7 +88,7 @@ def voxel_edges(points: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]
     for shift in (0.0, 0.5):
         rest = cloud
         for k, size in enumerate(SIZES):
-            planes = voxel_planes(rest, size, distance, FEWEST_POINTS, shift * SIZES[0])
+            planes = voxel_planes(rest, size, distance, FEWEST_POINTS, shift * size)
             whole = _explained(planes) | (k + 1 == len(SIZES))
             found.append(_edges(planes, whole))
             belongs = np.repeat(whole, np.diff(planes.starts))
@@ -100,7 +103,7 @@ def _distance(cloud: Array) -> float:
     """RANSAC's distance from the noise of a sample of voxels, metres."""
     planes = voxel_planes(cloud, SIZES[-1], DISTANCE_LIMITS_M[1], FEWEST_POINTS)
     first = planes.spread[planes.counts[:, 0] > 0, 0]
-    noise = float(np.quantile(first, 0.4)) if len(first) else 0.0
+    noise = float(np.median(first)) if len(first) else 0.0
     return float(np.clip(NOISE_FACTOR * noise, *DISTANCE_LIMITS_M))
 
 
@@ -126,6 +129,21 @@ def _edges(planes: VoxelPlanes, chosen: NDArray[np.bool_]) -> tuple[Array, Array
         np.flatnonzero(chosen & (planes.counts[:, 1] > 0)),
         bins,
     )
+
+
+@compiled
+def cut(plane: Array, corner: Array, size: float) -> bool:
+    """Whether a plane runs along a face of the voxel, which cuts off one half of its noise."""
+    for k in range(3):
+        if abs(plane[k]) < BESIDE_COSINE:
+            continue
+        # Where the axis through the voxel's middle meets the plane.
+        i, j = (k + 1) % 3, (k + 2) % 3
+        place = plane[3] - plane[i] * (corner[i] + 0.5 * size) - plane[j] * (corner[j] + 0.5 * size)
+        place = place / plane[k] - corner[k]
+        if min(abs(place), abs(place - size)) < BESIDE_M:
+            return True
+    return False
 
 
 @compiled
@@ -205,6 +223,8 @@ def _meet(  # noqa: PLR0912, PLR0915 - one pass over pairs of planes
                     rb -= nb[k] * middle[k]
                 ca = (ra - cosine * rb) / (norm * norm)
                 cb = (rb - cosine * ra) / (norm * norm)
+                if cut(na, corners[v], size) or cut(nb, corners[v], size):
+                    continue
                 outside = 0.0
                 for k in range(3):
                     foot[k] = middle[k] + ca * na[k] + cb * nb[k]

@@ -22,6 +22,9 @@ MOST_PLANES = 6
 HYPOTHESES = 40
 """Random triples of points a plane."""
 
+GHOST_COSINE, GHOST_DISTANCES = np.cos(np.deg2rad(20.0)), 3.0
+"""A plane so nearly parallel and so near to an earlier one is the tail of its noise."""
+
 JUDGES = 200
 """Points that judge a hypothesis, at most."""
 
@@ -132,8 +135,9 @@ def _find_planes(  # noqa: PLR0912, PLR0915 - RANSAC as one loop
         for i in range(count):
             free[i] = starts[v] + i
         left, state = count, np.uint64(v + 1)
-        for number in range(MOST_PLANES):
-            if left < fewest:
+        number = 0
+        for _ in range(2 * MOST_PLANES):
+            if left < fewest or number == MOST_PLANES:
                 break
             stride = max(1, left // JUDGES)
             most, offset = 0, 0.0
@@ -201,15 +205,28 @@ def _find_planes(  # noqa: PLR0912, PLR0915 - RANSAC as one loop
                     offset += best[k] * (mean[k] + points[starts[v], k])
             if total < fewest:
                 break
-            planes[v, number, :3], planes[v, number, 3] = best, offset
-            counts[v, number] = total
-            spread[v, number] = np.sqrt(square / total)
+            # The tail of an earlier plane's noise is no plane of its own.
+            owner = number
+            for k in range(number):
+                n = planes[v, k]
+                cosine = abs(n[0] * best[0] + n[1] * best[1] + n[2] * best[2])
+                off = -n[3]
+                for i in range(3):
+                    off += n[i] * (mean[i] / total + points[starts[v], i])
+                if cosine > GHOST_COSINE and abs(off) < GHOST_DISTANCES * distance:
+                    owner = k
+                    break
+            counts[v, owner] += total
+            if owner == number:
+                planes[v, number, :3], planes[v, number, 3] = best, offset
+                spread[v, number] = np.sqrt(square / total)
+                number += 1
             kept = 0
             for m in range(left):
                 p = points[free[m]]
                 off = best[0] * p[0] + best[1] * p[1] + best[2] * p[2] - offset
                 if abs(off) < distance:
-                    labels[free[m]] = number
+                    labels[free[m]] = owner
                 else:
                     free[kept] = free[m]
                     kept += 1

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,22 +144,40 @@ def _errors(T: Array | None, truth: Array) -> tuple[float, float]:
     return se3.translation_error(T, truth), float(np.rad2deg(se3.rotation_error(T, truth)))
 
 
-class Kept:
-    """Rows that are done, one JSON line each, so that a run that was stopped goes on."""
+class KeptRow(Protocol):
+    """A row that can be kept."""
 
-    def __init__(self, path: Path | None) -> None:
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def key(self) -> tuple[int, tuple[int, ...], int]:
+        """Combination, scenes, seed."""
+
+
+AnyRow = TypeVar("AnyRow", bound=KeptRow)
+
+
+class Kept(Generic[AnyRow]):
+    """Rows that are done, one JSON line each, so that a run that was stopped goes on.
+
+    Args:
+        path: The file; None keeps nothing on the disk.
+        kind: What a line is.
+    """
+
+    def __init__(self, path: Path | None, kind: type[AnyRow]) -> None:
         self.path = path
-        self.rows: dict[tuple[int, tuple[int, ...], int], Row] = {}
+        self.rows: dict[tuple[int, tuple[int, ...], int], AnyRow] = {}
         if path is not None and path.exists():
             for line in path.read_text().splitlines():
                 try:
                     content = json.loads(line)
-                    row = Row(**{**content, "scenes": tuple(content["scenes"])})
+                    row = kind(**{**content, "scenes": tuple(content["scenes"])})
                 except (ValueError, TypeError, KeyError):  # half a line of a killed process
                     continue
                 self.rows[row.key] = row
 
-    def add(self, row: Row) -> None:
+    def add(self, row: AnyRow) -> None:
         """Keep a row, on the disk as well."""
         self.rows[row.key] = row
         if self.path is not None:
