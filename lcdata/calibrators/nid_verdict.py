@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.features.chamfer_search import displaced
-from lcdata.features.nid_objective import Objective
 from lcdata.features.nid_search import Stage, bfgs, shrinking_search
+from lcdata.features.pose_cost import PoseCost
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Minimum:
 
 
 def judge(
-    last: Objective,
+    last: PoseCost,
     found: Minimum,
     T_initial: Array,
     box: Array,
@@ -112,7 +112,7 @@ def judge(
     return covariance, undetermined, doubts
 
 
-def sandwich(last: Objective, T: Array) -> tuple[Array, Array] | None:
+def sandwich(last: PoseCost, T: Array) -> tuple[Array, Array] | None:
     """A minimum as a Gaussian: 6x6 covariance H^-1 (sum g g^T) H^-1, and how far it is from T.
 
     H is the Hessian of the cost, g the gradient's share of one part of one image: neighbouring
@@ -135,7 +135,7 @@ def sandwich(last: Objective, T: Array) -> tuple[Array, Array] | None:
     return np.asarray(0.5 * (covariance + covariance.T)), np.asarray(-inverse @ shares.sum(0))
 
 
-def _curvature(last: Objective, T: Array, spread: Array, probes: int = 32) -> Array | None:
+def _curvature(last: PoseCost, T: Array, spread: Array, probes: int = 32) -> Array | None:
     """Hessian that explains best how the gradient changes from place to place around a pose.
 
     The cost is rough on the scale of a pixel, so that differences close by say little.
@@ -165,7 +165,7 @@ def _curvature(last: Objective, T: Array, spread: Array, probes: int = 32) -> Ar
 
 
 def landscape(
-    last: Objective, T: Array, box: Array, rng: np.random.Generator
+    last: PoseCost, T: Array, box: Array, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Depth of a minimum under the mean of poses around, and over their standard deviation."""
     around = rng.uniform(-1, 1, (200, 6)) * np.concatenate([box[3:], box[:3]])
@@ -178,7 +178,7 @@ def landscape(
     return depth, depth / max(float(rest.std()), 1e-12)
 
 
-def _rivals(last: Objective, found: Minimum, depth: float) -> list[tuple[Array, float]]:
+def _rivals(last: PoseCost, found: Minimum, depth: float) -> list[tuple[Array, float]]:
     """Other minima nearly as deep, not the same by the limits of success."""
     cost = last.soft(found.T)[0]
     result = []
@@ -195,7 +195,7 @@ def _rivals(last: Objective, found: Minimum, depth: float) -> list[tuple[Array, 
 
 
 def halves_apart(
-    last: Objective, T: Array, box: Array, rng: np.random.Generator
+    last: PoseCost, T: Array, box: Array, rng: np.random.Generator
 ) -> tuple[float, float]:
     """How far halves of the data, each searched from elsewhere, come from each other and from T.
 

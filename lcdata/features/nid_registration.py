@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from lcdata.features.nid_objective import Objective
 from lcdata.features.nid_search import Stage, bfgs, different, shrinking_search
+from lcdata.features.pose_cost import PoseCost
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ BAGS = 8
 
 
 def search(
-    current: Objective,
+    current: PoseCost,
     T: Array,
     reach: Array,
     samples: int,
@@ -73,7 +74,7 @@ def search(
     )
 
 
-def averaged(current: Objective, T: Array, reach: Array, rng: np.random.Generator) -> Array:
+def averaged(current: PoseCost, T: Array, reach: Array, rng: np.random.Generator) -> Array:
     """Mean of the minima of random halves of points and edges: 4x4.
 
     The cost of a sparse scan is rough; where exactly its lowest point lies is chance (bagging,

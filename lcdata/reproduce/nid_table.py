@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,18 @@ from lcdata.calibrators.registry import create
 from lcdata.errors import CalibrationError
 from lcdata.reproduce.experiment import Experiment, Outcome, Progress, Settings, Table
 from lcdata.reproduce.kept import run_kept
+from lcdata.reproduce.nid_edge import EdgeRow, edge_table, run_edge_task
 from lcdata.reproduce.nid_scenes import COMBINATIONS
-from lcdata.reproduce.nid_trials import GOOD_DEG, GOOD_M, PICKS, Kept, Row, Task, run_task
+from lcdata.reproduce.nid_trials import (
+    GOOD_DEG,
+    GOOD_M,
+    PICKS,
+    AnyRow,
+    Kept,
+    Row,
+    Task,
+    run_task,
+)
 
 SCENES = 15
 
@@ -35,12 +46,39 @@ def run(settings: Settings, progress: Progress | None = None) -> Outcome:
     """
     scenes = SCENES if settings.runs is None else settings.runs
     chosen = _chosen(settings.options.get("combinations", "1,2,3,4"))
-    kept = Kept(settings.folder / f"nid-table-{_version()}.jsonl" if settings.folder else None)
+    with_edge = _yes(settings.options.get("edge", "no"))
     tasks = [Task(c, (n,), settings.seed) for n in range(scenes) for c in chosen]
     if scenes > 1:
         tasks += [Task(c, tuple(range(scenes)), settings.seed) for c in chosen]
-    rows = run_kept("nid-table", tasks, kept, run_task, settings.jobs, progress)
-    return _outcome(rows, chosen, scenes, settings.seed)
+    rows = _done(run_task, Row, tasks, _version(), settings, progress)
+    outcome = _outcome(rows, chosen, scenes, settings.seed)
+    if not with_edge:
+        return outcome
+    # Rows of their own, so that those that are done without `edge` stay as they are.
+    version = f"{lcdata.__version__}-edge{create('edge').version}"
+    edge_rows = _done(run_edge_task, EdgeRow, tasks, version, settings, progress)
+    table = edge_table(edge_rows, chosen)
+    values = {**outcome.values, "edge": [asdict(row) for row in edge_rows]}
+    return replace(outcome, tables=(*outcome.tables, table), values=values)
+
+
+def _done(
+    work: Callable[[Task], Iterator[AnyRow]],
+    kind: type[AnyRow],
+    tasks: Sequence[Task],
+    version: str,
+    settings: Settings,
+    progress: Progress | None,
+) -> list[AnyRow]:
+    """Rows of all tasks; those that are kept from before are not done again."""
+    path = settings.folder / f"nid-table-{version}.jsonl" if settings.folder else None
+    return run_kept("nid-table", tasks, Kept(path, kind), work, settings.jobs, progress)
+
+
+def _yes(text: str) -> bool:
+    if text not in ("yes", "no"):
+        raise CalibrationError(f"edge is {text!r}", "use yes or no")
+    return text == "yes"
 
 
 def _version() -> str:
@@ -155,5 +193,8 @@ EXPERIMENT = Experiment(
     source="Koide, Oishi, Yokozuka, Banno, Tables I to V",
     summary="initial guess and NID refinement on four sensor combinations; some minutes",
     run=run,
-    options={"combinations": "1,2,3,4: OS1-64 or Avia with a pinhole camera, then panoramic"},
+    options={
+        "combinations": "1,2,3,4: OS1-64 or Avia with a pinhole camera, then panoramic",
+        "edge": "no: yes adds `edge` beside the edge-based columns of Tables I and II",
+    },
 )

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from lcdata.calibrators.registry import create
 from lcdata.errors import CalibrationError
 from lcdata.geometry import se3
 from lcdata.pair import Pair
-from lcdata.reproduce.kept import KeptRows
+from lcdata.reproduce.kept import KeptRows, Keyed
 from lcdata.reproduce.nid_scenes import COMBINATIONS, scene
 
 Array = NDArray[np.float64]
@@ -148,12 +149,16 @@ def _errors(T: Array | None, truth: Array) -> tuple[float, float]:
     return se3.translation_error(T, truth), float(np.rad2deg(se3.rotation_error(T, truth)))
 
 
-class Kept(KeptRows[Row]):
+AnyRow = TypeVar("AnyRow", bound=Keyed)
+
+
+class Kept(KeptRows[AnyRow]):
     """Rows that are done.
 
     Args:
         path: Their file; None keeps none.
+        kind: What a line is: `Row`, or another with `scenes`.
     """
 
-    def __init__(self, path: Path | None) -> None:
-        super().__init__(path, lambda line: Row(**{**line, "scenes": tuple(line["scenes"])}))
+    def __init__(self, path: Path | None, kind: type[AnyRow]) -> None:
+        super().__init__(path, lambda line: kind(**{**line, "scenes": tuple(line["scenes"])}))

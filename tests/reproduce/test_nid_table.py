@@ -8,9 +8,12 @@ import json
 import numpy as np
 import pytest
 
+import lcdata
+from lcdata.calibrators import create
 from lcdata.errors import LcdataError
 from lcdata.reproduce import find
 from lcdata.reproduce.experiment import Settings
+from lcdata.reproduce.nid_edge import EdgeRow
 from lcdata.reproduce.nid_scenes import COMBINATIONS
 from lcdata.reproduce.nid_table import _version
 from lcdata.reproduce.nid_trials import Kept, Row, Task, run_task
@@ -23,7 +26,7 @@ def row(combination: int, scenes: tuple[int, ...], error: float) -> Row:
 @pytest.fixture
 def done(tmp_path):
     """A folder in which two scenes of the first combination, and both together, are done."""
-    kept = Kept(tmp_path / f"nid-table-{_version()}.jsonl")
+    kept = Kept(tmp_path / f"nid-table-{_version()}.jsonl", Row)
     for scenes, error in (((0,), 0.01), ((1,), 0.03), ((0, 1), 0.005)):
         kept.add(row(0, scenes, error))
     return tmp_path
@@ -43,10 +46,33 @@ def test_what_is_done_is_not_done_again_and_is_set_beside_the_paper(done):
     assert "disagree" in summary.note
 
 
+def test_edge_stands_beside_the_papers_edge_based_figures(done):
+    kept = Kept(
+        done / f"nid-table-{lcdata.__version__}-edge{create('edge').version}.jsonl", EdgeRow
+    )
+    for scenes, error in (((0,), 0.01), ((1,), 0.03), ((0, 1), 0.004)):
+        kept.add(EdgeRow(0, scenes, 0, error, 10 * error, True, 3.0))
+    options = {"combinations": "1", "edge": "yes"}
+    settings = Settings(runs=2, folder=done, options=options, jobs=1)
+    outcome = find("nid-table").run(settings, None)
+    assert len(outcome.tables) == 3
+    (line,) = outcome.tables[2].rows
+    assert line[:5] == (
+        "OS1-64 and pinhole",
+        "0.236 / 1.329",
+        "0.020 / 0.200",
+        "0.020 / 0.200",
+        "0.004 / 0.040",
+    )
+    assert len(outcome.values["edge"]) == 3
+    with pytest.raises(LcdataError, match="edge is 'maybe'"):
+        find("nid-table").run(Settings(options={"edge": "maybe"}), None)
+
+
 def test_half_a_line_of_a_killed_run_is_left_out(done):
     path = next(done.glob("*.jsonl"))
     path.write_text(path.read_text()[:-20])
-    assert len(Kept(path).rows) == 2
+    assert len(Kept(path, Row).rows) == 2
     rows = [json.loads(line) for line in path.read_text().splitlines()[:2]]
     assert rows[0] == json.loads(json.dumps(dataclasses.asdict(row(0, (0,), 0.01))))
 

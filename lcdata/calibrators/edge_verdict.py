@@ -1,0 +1,155 @@
+"""Whether edges laid on edges can be trusted, and how far they may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.calibrators.nid_verdict import REACH
+from lcdata.features.chamfer_search import displaced
+from lcdata.features.edge_alignment import GATES, Aligned, Alignment, Matches
+from lcdata.geometry import se3
+
+Array = NDArray[np.float64]
+
+AGREE_M, AGREE_RAD = 0.06, np.deg2rad(0.3)
+"""Halves of the data must come to poses this close: tighter than a success may be off, because
+the same clutter draws both halves."""
+
+FEWEST_MATCHES = 150
+"""Matched edge points a pair below which a pose may be a coincidence."""
+
+MIN_SHARE = 0.2
+"""Part of the edge points in view that must be matched."""
+
+PARALLEL = 0.02
+"""Second over first eigenvalue of the edges' directions below which they are all parallel."""
+
+MIN_CONTRAST = 3.0
+"""Least depth of the minimum under the mean of poses around, in their standard deviations."""
+
+RIVAL = 0.93
+"""Another minimum of at least so much of the gain makes the result ambiguous."""
+
+INFLATION = 20.0
+"""Variance of the estimate over the predicted one, measured on simulated pairs."""
+
+
+def judge(
+    last: Alignment,
+    found: Aligned,
+    others: Sequence[Aligned],
+    T_initial: Array,
+    box: Array,
+    limits: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[Array, list[str], list[str]]:
+    """Predicted covariance, what is undetermined, and what is doubtful about a result.
+
+    Args:
+        last: What was minimised.
+        found: Its minimum.
+        others: Other minima of the search.
+        T_initial: 4x4 initial guess.
+        box: (6,) half-widths of the search, metres then radians.
+        limits: Largest standard deviations, metres and degrees.
+        rng: Of the probes.
+    """
+    doubts, undetermined = [], []
+    matches = found.matches
+    covariance = sandwich(matches, found.weights)
+    sigma = np.sqrt(np.diag(covariance))
+    metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
+    if not (metres <= limits[0] and degrees <= limits[1]):
+        undetermined.append(f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m")
+    spread = directions(matches)
+    if spread < PARALLEL:
+        undetermined.append(f"matched edges are nearly parallel (eigenvalues {spread:.3f})")
+    count = len(matches.residual)
+    if count < FEWEST_MATCHES:
+        doubts.append(f"only {count} edge points match")
+    if count < MIN_SHARE * last.count:
+        doubts.append(f"only {count} of {last.count} edge points in view match")
+    turned = np.abs(se3.log(found.T @ se3.inverse(T_initial))[3:]) / box[3:]
+    moved = np.abs((found.T - T_initial)[:3, 3]) / box[:3]
+    if max(turned.max(), moved.max()) > REACH:
+        doubts.append("the estimate left the box of the search")
+    stands_out = contrast(last, found.T, box, rng)
+    if stands_out < MIN_CONTRAST:
+        doubts.append(f"poses around fit nearly as well (contrast {stands_out:.1f})")
+    for other in others:
+        near_m = se3.translation_error(other.T, found.T)
+        near_rad = se3.rotation_error(other.T, found.T)
+        if other.cost < RIVAL * found.cost and (near_m > AGREE_M or near_rad > AGREE_RAD):
+            place = f"{np.rad2deg(near_rad):.2g} deg and {near_m:.2g} m away"
+            doubts.append(f"a second minimum {place} gains {other.cost / found.cost:.0%} as much")
+            break
+    apart = halves_apart(last, found.T, box, rng)
+    if apart[0] > AGREE_M or apart[1] > AGREE_RAD:
+        what = "halves of the pairs" if len(last.views) > 1 else "halves of the image"
+        doubts.append(f"{what} disagree by {np.rad2deg(apart[1]):.2g} deg, {apart[0]:.2g} m")
+    return covariance, undetermined, doubts
+
+
+def sandwich(matches: Matches, weights: Array) -> Array:
+    """6x6 covariance H^-1 (H + sum g g^T) H^-1, inflated, of the weighted normal equations.
+
+    H is J^T W J; g is the gradient's share of one part of one image: neighbouring matches are
+    wrong together, parts of the image are not (White 1982, clustered). The expected noise, H
+    itself, is the floor: a few edges that happen to fit prove nothing.
+
+    Args:
+        matches: At the minimum.
+        weights: (M,) robust weights times inverse variances.
+
+    Returns:
+        Infinite variances where H is singular.
+    """
+    weighted = matches.jacobian * weights[:, None]
+    H = weighted.T @ matches.jacobian
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-12))
+    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T / np.outer(scale, scale)
+    shares = np.zeros((int(matches.cluster.max(initial=0)) + 1, 6))
+    np.add.at(shares, matches.cluster, weighted * matches.residual[:, None])
+    covariance = INFLATION * inverse @ (H + shares.T @ shares) @ inverse
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def directions(matches: Matches) -> float:
+    """Second over first eigenvalue of the matched edges' directions in space; 1 at most."""
+    if len(matches.tangents) < 2:
+        return 0.0
+    values = np.linalg.eigvalsh(matches.tangents.T @ matches.tangents)
+    return float(values[1] / max(values[2], 1e-12))
+
+
+def contrast(last: Alignment, T: Array, box: Array, rng: np.random.Generator) -> float:
+    """Depth of a pose under the mean of poses around, in their standard deviations."""
+    around = rng.uniform(-1, 1, (150, 6)) * np.concatenate([box[3:], box[:3]])
+    thin = last.thinned(1500, rng)
+    costs = thin.costs(np.concatenate([T[None], displaced(T, around)]), 2)
+    return float((costs[1:].mean() - costs[0]) / max(float(costs[1:].std()), 1e-12))
+
+
+def halves_apart(
+    last: Alignment, T: Array, box: Array, rng: np.random.Generator
+) -> tuple[float, float]:
+    """How far halves of the data, each aligned from elsewhere, come from each other and from T.
+
+    Returns:
+        Metres and radians, the largest.
+    """
+    poses = [T]
+    width = np.concatenate([box[3:], box[:3]])
+    for odd in (0, 1):
+        start = displaced(T, rng.uniform(-0.2, 0.2, (1, 6)) * width)[0]
+        poses.append(last.half(odd).minimise(start, GATES[1:]).T)
+    metres, radians = 0.0, 0.0
+    for i in range(3):
+        for j in range(i):
+            metres = max(metres, se3.translation_error(poses[i], poses[j]))
+            radians = max(radians, se3.rotation_error(poses[i], poses[j]))
+    return metres, radians
