@@ -97,7 +97,7 @@ def judge(
     moved = np.abs((found.T - T_initial)[:3, 3]) / box[:3]
     if max(turned.max(), moved.max()) > REACH:
         doubts.append("the estimate left the box of the search")
-    depth, contrast = _landscape(last, found.T, box, rng)
+    depth, contrast = landscape(last, found.T, box, rng)
     if contrast < MIN_CONTRAST:
         doubts.append(f"poses around fit nearly as well (contrast {contrast:.1f})")
     for T, rival_depth in _rivals(last, found, depth):
@@ -164,7 +164,7 @@ def _curvature(last: Objective, T: Array, spread: Array, probes: int = 32) -> Ar
     return np.asarray(H / np.outer(spread, spread))
 
 
-def _landscape(
+def landscape(
     last: Objective, T: Array, box: Array, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Depth of a minimum under the mean of poses around, and over their standard deviation."""

@@ -13,6 +13,7 @@ from lcdata.cli.calibrate import (
     InitTranslation,
     Methods,
     Seed,
+    Set,
     Trials,
 )
 from lcdata.cli.common import (
@@ -46,6 +47,7 @@ def build(
         int | None, typer.Option(min=1, help="Pairs of each pose, spread evenly; default: all.")
     ] = None,
     methods: Methods = DEFAULT_METHODS,
+    settings: Set = None,
     no_calibrate: Annotated[
         bool, typer.Option("--no-calibrate", help="Only package: no methods, report or review.")
     ] = False,
@@ -63,14 +65,13 @@ def build(
 
     A build that was interrupted goes on where it stopped.
     """
-    from lcdata.calibrators import create
+    from lcdata.calibrators.settings import configured
     from lcdata.dataset import build as package
 
-    chosen = names(methods)
+    # Before the packaging: a typing error must not cost it.
+    chosen = configured(names(methods), settings or ())
     if not (chosen or no_calibrate):
         raise CalibrationError("no methods to run", "name one or more, or give --no-calibrate")
-    for method in chosen:  # a typing error must not cost the packaging
-        create(method)
     with progress_bar(quiet=as_json) as progress:
         built = package(
             recordings,

@@ -29,6 +29,12 @@ InitTranslation = Annotated[
 ]
 Trials = Annotated[int, typer.Option(min=1, help="Initial guesses a pair.")]
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same initial guesses.")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", help="A method's parameter, METHOD.NAME=VALUE: nid.rounds=3, crlf.masks=FOLDER."
+    ),
+]
 DEFAULT_METHODS = "projection,plk"
 
 
@@ -36,6 +42,7 @@ DEFAULT_METHODS = "projection,plk"
 def calibrate(
     dataset: DatasetPath,
     methods: Methods = DEFAULT_METHODS,
+    settings: Set = None,
     init_rotation: InitRotation = 5.0,
     init_translation: InitTranslation = 0.5,
     init: Annotated[
@@ -55,11 +62,13 @@ def calibrate(
     as_json: JsonFlag = False,
 ) -> None:
     """Run methods from perturbed initial guesses, or from given ones, and store the results."""
+    from lcdata.calibrators.settings import configured
     from lcdata.dataset import Dataset
     from lcdata.evaluation import run_trials, summary_lines
     from lcdata.evaluation.automatic import automatic_guesses
     from lcdata.evaluation.given import given_guesses
 
+    chosen = configured(names(methods), settings or ())
     opened = Dataset.open(dataset)
     source, initial = "", None
     group = "pose" if joint else "pair"
@@ -80,7 +89,7 @@ def calibrate(
     with progress_bar(quiet=as_json) as progress:
         results = run_trials(
             opened,
-            names(methods),
+            chosen,
             init_rotation_deg=init_rotation,
             init_translation_m=init_translation,
             initial=initial,

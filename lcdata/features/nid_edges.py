@@ -153,21 +153,41 @@ class EdgeFields:
 
 def edge_fields(image: NidImage) -> EdgeFields:
     """Distance fields of one image at the resolution of the registration."""
+    distance = edge_distance(image.grey, image.focal)
+    fields = [without_clutter(distance, t * image.focal, image.focal) for t in TRUNCATIONS]
+    return EdgeFields(np.ascontiguousarray(fields, np.float32))
+
+
+def edge_distance(grey: NDArray[np.uint8], focal: float) -> Floats:
+    """(H, W) pixels to the next edge that is not horizontal.
+
+    Args:
+        grey: (H, W).
+        focal: Pixels a radian.
+    """
     import cv2
 
-    focal = image.focal
-    smooth = cv2.GaussianBlur(image.grey, (0, 0), max(0.0012 * focal, 0.5))
+    smooth = cv2.GaussianBlur(grey, (0, 0), max(0.0012 * focal, 0.5))
     gx, gy = (cv2.Sobel(smooth, cv2.CV_16S, dx, 1 - dx) for dx in (1, 0))
     high = float(np.percentile(np.abs(gx) + np.abs(gy), 92))
     edges = cv2.Canny(gx, gy, 0.4 * high, max(high, 20.0))
     edges[np.abs(gx) < 0.4 * np.abs(gy)] = 0
-    distance = cv2.distanceTransform(255 - edges, cv2.DIST_L2, 5)
+    return np.asarray(cv2.distanceTransform(255 - edges, cv2.DIST_L2, 5))
+
+
+def without_clutter(distance: Floats, truncation: float, focal: float) -> Floats:
+    """Distances as shares of a truncation, cut off there, less their mean over a box around.
+
+    Args:
+        distance: (H, W) pixels.
+        truncation: Pixels.
+        focal: Pixels a radian.
+    """
+    import cv2
+
     box = max(3, round(CLUTTER * focal))
-    fields = []
-    for truncation in TRUNCATIONS:
-        cut = np.minimum(distance / (truncation * focal), 1.0)
-        fields.append(cut - cv2.blur(cut, (box, box), borderType=cv2.BORDER_REFLECT))
-    return EdgeFields(np.ascontiguousarray(fields, np.float32))
+    cut = np.minimum(distance / truncation, np.float32(1.0))
+    return np.asarray(cut - cv2.blur(cut, (box, box), borderType=cv2.BORDER_REFLECT))
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")

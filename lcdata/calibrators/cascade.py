@@ -1,0 +1,227 @@
+"""Several methods one after the other, each step accepted by evidence of another kind."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
+from lcdata.calibrators.evidence import Finding, agreeing, distance, fused
+from lcdata.calibrators.polish import Polished, polish
+from lcdata.calibrators.registry import create
+from lcdata.errors import CalibrationError, LcdataError
+from lcdata.pair import Pair
+
+Array = NDArray[np.float64]
+
+SAME_DATA = frozenset({"wide"})
+"""Methods that look at intensities and edges themselves: what these say later is no second
+opinion to average with, only a finer one."""
+
+FARTHEST = 2.0
+"""Intensities and edges are believed within so many standard deviations of the first estimate,
+root mean square over the degrees of freedom: about the 0.999 quantile of right ones."""
+
+MIN_CONTRAST = 3.0
+"""See `Polished.contrast`: below, intensities and edges do not confirm a pose."""
+
+
+@dataclass(eq=False)
+class Prepared:
+    """A pair, and the features that methods have asked for so far."""
+
+    pair: Pair
+    features: dict[str, Any] = field(default_factory=dict)
+
+    def of(self, method: Calibrator) -> Any:
+        """Features of one method, made when they are first asked for."""
+        if method.name not in self.features:
+            self.features[method.name] = method.prepare(self.pair)
+        return self.features[method.name]
+
+
+@dataclass(frozen=True)
+class Cascade(Calibrator):
+    """Lines where there are planes, `wide` where there are not, then intensities and edges.
+
+    1. `projection`, which needs straight edges and knows when it has found too few.
+    2. Where it does not converge: `crlf`, if there are masks, and `wide`.
+    3. Where none of them converges: two of them that come to the same pose.
+    4. Intensities and edges refine the estimate; they have to confirm it, too.
+
+    Ours, not in a paper. Nothing is tuned to a kind of scene: what a step finds decides.
+
+    Args:
+        search_rotation_deg: Half-width of the search about each axis, degrees.
+        search_translation_m: Half-width of the search along each axis, metres.
+        masks: Lane and pole masks, a file or a folder, see `crlf`; none: `crlf` is left out.
+        max_rotation_sigma_deg: A result is not trusted if the predicted standard deviation of
+            its rotation is larger, degrees.
+        max_translation_sigma_m: The same of the translation, metres.
+        seed: Seed of everything random.
+    """
+
+    name: ClassVar[str] = "cascade"
+
+    search_rotation_deg: float = 10.0
+    search_translation_m: float = 0.7
+    masks: str = ""
+    max_rotation_sigma_deg: float = 0.25
+    max_translation_sigma_m: float = 0.05
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "search_rotation_deg": 90.0,
+            "search_translation_m": math.inf,
+            "max_rotation_sigma_deg": math.inf,
+            "max_translation_sigma_m": math.inf,
+        }
+        self._check_numbers(limits, ("seed",))
+
+    def prepare(self, pair: Pair) -> Prepared:
+        """Nothing yet: which features are needed shows on the way; they are kept for the next."""
+        return Prepared(pair)
+
+    def calibrate(
+        self,
+        pairs: Sequence[Pair],
+        initial: Array | None,
+        prepared: Sequence[Any] | None = None,
+    ) -> Calibration:
+        """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
+        started = time.perf_counter()
+        T_initial, ready = self._ready(pairs, initial, prepared)
+        findings = self._findings(pairs, ready, T_initial)
+        steps = [finding.words for finding in findings]
+        first = next((f for f in findings if f.trusted), None)
+        if first is None and (both := agreeing(findings)):
+            first = both[0]
+            steps.append(f"{both[0].by} and {both[1].by} agree")
+        trusted = first is not None
+        candidates = [first] if first else [f for f in findings if f.usable]
+        polished = [(f, self._polished(pairs, ready, f)) for f in candidates]
+        if not polished:
+            return _failure(T_initial, steps, started)
+        best, confirmed = max(polished, key=lambda item: _contrast(item[1]))
+        result, accepted, words = self._concluded(best, confirmed)
+        steps.append(words)
+        sigma = self._too_uncertain(result.covariance)
+        if sigma:
+            steps.append(sigma)
+        return dataclasses.replace(
+            result,
+            converged=trusted and accepted and not sigma,
+            degenerate=bool(sigma),
+            seconds=time.perf_counter() - started,
+            message="; ".join(steps),
+        )
+
+    def _methods(self, pairs: Sequence[Pair]) -> list[Calibrator]:
+        """What to try, in this order, until one converges."""
+        box = {
+            "search_rotation_deg": self.search_rotation_deg,
+            "search_translation_m": self.search_translation_m,
+            "seed": self.seed,
+        }
+        methods: list[Calibrator] = [create("projection", **box)]
+        if self.masks:
+            methods.append(create("crlf", masks=self.masks))
+        if all(pair.intensity is not None for pair in pairs):
+            wide = {**box, "search_rotation_deg": 0.7 * self.search_rotation_deg}
+            methods.append(create("wide", **wide))
+        return methods
+
+    def _findings(
+        self, pairs: Sequence[Pair], ready: Sequence[Prepared], T_initial: Array
+    ) -> list[Finding]:
+        """What the methods find, up to the first that trusts its result."""
+        findings = []
+        for method in self._methods(pairs):
+            try:
+                features = [each.of(method) for each in ready]
+                finding = Finding(method.name, method.calibrate(pairs, T_initial, features))
+            except LcdataError as error:
+                finding = Finding(method.name, None, str(error))
+            findings.append(finding)
+            if finding.trusted:
+                break
+        return findings
+
+    def _polished(
+        self, pairs: Sequence[Pair], ready: Sequence[Prepared], finding: Finding
+    ) -> Polished | None:
+        """The finding, refined by intensities and edges, where there are any."""
+        assert finding.result is not None
+        method = create("nid_edge")
+        try:
+            features = [each.of(method) for each in ready]
+        except CalibrationError:
+            return None
+        return polish(features, finding.result.T_camera_lidar, self.seed)
+
+    def _concluded(
+        self, finding: Finding, confirmed: Polished | None
+    ) -> tuple[Calibration, bool, str]:
+        """The estimate, whether a second witness speaks for it, and what was decided."""
+        result = finding.result
+        assert result is not None
+        if confirmed is None:
+            return result, False, "nothing else to confirm it: no intensities in view"
+        told = f"contrast {confirmed.contrast:.1f}"
+        if confirmed.contrast < MIN_CONTRAST:
+            return result, False, f"intensities and edges do not confirm it ({told})"
+        if confirmed.covariance is None:
+            return result, False, f"intensities and edges leave a direction open ({told})"
+        apart = distance(
+            result.T_camera_lidar, result.covariance, confirmed.T, confirmed.covariance
+        )
+        if apart > FARTHEST:
+            return result, False, f"intensities and edges disagree by {apart:.1f} sigma ({told})"
+        if finding.by in SAME_DATA or math.isnan(apart):
+            T, covariance = confirmed.T, confirmed.covariance
+            words = f"refined by intensities and edges ({told})"
+        else:
+            T, covariance = fused(
+                result.T_camera_lidar, result.covariance, confirmed.T, confirmed.covariance
+            )
+            words = f"averaged with intensities and edges ({told}, {apart:.1f} sigma apart)"
+        refined = dataclasses.replace(
+            result,
+            T_camera_lidar=T,
+            covariance=covariance,
+            cost_initial=confirmed.cost_before,
+            cost_final=confirmed.cost,
+        )
+        return refined, True, words
+
+    def _too_uncertain(self, covariance: Array) -> str:
+        """Why a covariance is too large, or nothing."""
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
+        if degrees <= self.max_rotation_sigma_deg and metres <= self.max_translation_sigma_m:
+            return ""
+        return f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"
+
+
+def _contrast(polished: Polished | None) -> float:
+    return -math.inf if polished is None else polished.contrast
+
+
+def _failure(T_initial: Array, steps: Sequence[str], started: float) -> Calibration:
+    return Calibration(
+        T_initial,
+        converged=False,
+        degenerate=True,
+        covariance=np.full((6, 6), np.nan),
+        seconds=time.perf_counter() - started,
+        message="; ".join(steps),
+        matches=LineMatches.empty(),
+    )
