@@ -22,7 +22,7 @@ def patches(seed, camera=CAMERA, count=60):
     return cKDTree(middles).query(np.stack([u, v], -1))[1]
 
 
-def patch_pair(seed, points=15_000, camera=CAMERA, intensity=True, pair_id=""):
+def patch_pair(seed, points=8000, camera=CAMERA, intensity=True, pair_id="", T=None):
     """Points all over the image, as bright as the patch they are on and in its plane."""
     rng = np.random.default_rng(seed + 1000)
     label = patches(seed, camera)
@@ -38,9 +38,10 @@ def patch_pair(seed, points=15_000, camera=CAMERA, intensity=True, pair_id=""):
     middle = camera.unproject(np.array([[camera.width / 2, camera.height / 2]]))[0]
     depth = distance[own] * (normal[own] @ middle) / np.einsum("ij,ij->i", normal[own], ray)
     place = ray * np.clip(depth, 2, 30)[:, None]
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R_CAMERA_LIDAR, rng.normal(size=3) * 0.1
-    T = se3.exp([0, 0, 0, *rng.normal(size=3) * 0.05]) @ T
+    if T is None:
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = R_CAMERA_LIDAR, rng.normal(size=3) * 0.1
+        T = se3.exp([0, 0, 0, *rng.normal(size=3) * 0.05]) @ T
     light = brightness[own] + 0.03 * rng.normal(size=points)
     return Pair(
         colour[label],
