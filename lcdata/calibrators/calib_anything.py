@@ -204,7 +204,7 @@ class CalibAnything(Calibrator):
         from lcdata.features.segment_search import again, search, settled
 
         rng = np.random.default_rng(self.seed)
-        T = search(first, T_initial, self.box, self.search_samples, rng)[0][0]
+        T = search(first, T_initial, self.box, self.search_samples, rng)
         near = 0.3 * self.box
         last = objective(features, T, 2.0 * float(near[3]), self.score, first.prior)
         T = again(last, T, near, 300, rng)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lcdata.calibrators.nid_verdict import AGREE_M, AGREE_RAD, MIN_CONTRAST, REACH
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.nid_search import Stage, shrinking_search
-from lcdata.features.segment_objective import PRIOR, SegmentObjective
+from lcdata.features.segment_objective import Prior, SegmentObjective
 from lcdata.features.segment_search import bowl, swapped
 from lcdata.geometry import se3
 
@@ -67,7 +67,7 @@ def judge(
     doubts: list[str] = []
     undetermined: list[str] = []
     last = replace(last, prior=None)
-    covariance = predicted(last, T, box, rng)
+    covariance = predicted(last, T, Prior(T_initial, box), rng)
     if covariance is None:
         covariance = np.full((6, 6), np.nan)
         undetermined.append("the cost is not curved upwards")
@@ -94,7 +94,7 @@ def judge(
 
 
 def predicted(
-    last: SegmentObjective, T: Array, box: Array, rng: np.random.Generator
+    last: SegmentObjective, T: Array, prior: Prior, rng: np.random.Generator
 ) -> Array | None:
     """A minimum as a Gaussian: 6x6 covariance H^-1 (sum g g^T) H^-1 of a left perturbation.
 
@@ -118,12 +118,12 @@ def predicted(
     slopes = np.linalg.lstsq(found.terms, shares, rcond=None)[0][1:]
     scatter = INFLATION * slopes @ slopes.T / scale
     # The guess counts as an observation, off by half the box.
-    known = np.diag(2.0 * PRIOR / len(last.views) / box**2)
-    scatter += known @ np.diag((0.5 * box) ** 2) @ known
+    known = prior.curvature / len(last.views)
+    scatter += known @ np.diag((0.5 * prior.box) ** 2) @ known
     inverse = np.linalg.inv(H + known)
     covariance = inverse @ scatter @ inverse
     # No direction is known worse than from the guess alone.
-    bounded = np.linalg.inv(np.linalg.pinv(covariance) + np.diag((0.5 * box) ** -2.0))
+    bounded = np.linalg.inv(np.linalg.pinv(covariance) + np.diag((0.5 * prior.box) ** -2.0))
     return np.asarray(0.5 * (bounded + bounded.T))
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features.nid_search import Stage, different, shrinking_search
+from lcdata.features.nid_search import Stage, shrinking_search
 from lcdata.features.segment_objective import SegmentObjective
 from lcdata.geometry import se3
 
@@ -46,8 +47,8 @@ FLATTEST = 0.1
 
 def search(
     current: SegmentObjective, T: Array, reach: Array, samples: int, rng: np.random.Generator
-) -> list[tuple[Array, float]]:
-    """Different poses of low cost in a box, best first, each with its cost.
+) -> Array:
+    """The best pose found in a box: 4x4.
 
     Args:
         current: What to minimise.
@@ -56,25 +57,30 @@ def search(
         samples: Poses in the first round.
         rng: Of everything random.
     """
-    pairs = len(current.views)
-    costs = [
-        current.thinned(max(number, least * pairs), rng).hard
-        for number, least in zip(THIN, THIN_PAIR, strict=True)
-    ]
-    poses, values = shrinking_search(costs, T, swapped(reach), samples, STAGES, rng)
-    return [(pose, float(values[0])) for pose in different(poses, 4, 0.05 * reach)]
+    return _shrunk(current, T, reach, samples, STAGES, rng)
 
 
 def again(
     current: SegmentObjective, T: Array, reach: Array, samples: int, rng: np.random.Generator
 ) -> Array:
     """The best pose of a box that is already small: 4x4."""
+    return _shrunk(current, T, reach, samples, AGAIN, rng)
+
+
+def _shrunk(
+    current: SegmentObjective,
+    T: Array,
+    reach: Array,
+    samples: int,
+    stages: Sequence[Stage],
+    rng: np.random.Generator,
+) -> Array:
     pairs = len(current.views)
     costs = [
         current.thinned(max(number, least * pairs), rng).hard
         for number, least in zip(THIN, THIN_PAIR, strict=True)
     ]
-    return np.asarray(shrinking_search(costs, T, swapped(reach), samples, AGAIN, rng)[0][0])
+    return np.asarray(shrinking_search(costs, T, swapped(reach), samples, stages, rng)[0][0])
 
 
 @dataclass(frozen=True, eq=False)
