@@ -7,7 +7,7 @@ Toolbox*, 2023, sections III-C (equalisation) and III-E (hidden points).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
@@ -150,6 +150,14 @@ def equalised_levels(values: Floats) -> Floats:
     return np.minimum(rank, np.float32(1 - 1e-6))[level]
 
 
+class HasCamera(Protocol):
+    """An image whose camera is known."""
+
+    @property
+    def camera(self) -> Camera:
+        """Of the image."""
+
+
 @dataclass(frozen=True, eq=False)
 class NidCloud:
     """Points that the camera sees or nearly sees from one pose.
@@ -199,22 +207,46 @@ def visible(image: NidImage, points: Floats, T: Array) -> Visible:
         points: (N, 3) float32 in the LiDAR frame, metres, finite.
         T: 4x4 `T_camera_lidar`.
     """
-    margin = MARGIN * image.focal
     height, width = image.hard.shape
-    pixels, range_m, cell = _project(
-        image.model, image.parameters, flat(T[None])[0], points, width, height, margin
-    )
-    kept = np.flatnonzero(_unhidden(range_m, cell))
-    u, v = pixels[kept].T
-    # Strips of 16 rows, from left to right: neighbours in memory are neighbours in the image.
-    kept = kept[np.argsort(np.floor(v / 16) * 1e5 + u, kind="stable")]
-    pixels = pixels[kept]
+    margin = MARGIN * image.focal
+    kept, pixels = unhidden(image.camera, points, T, margin, TOLERANCE)
     u, v = pixels.T
     inside = (u >= -0.5) & (v >= -0.5) & (u < width - 0.5) & (v < height - 0.5)
     columns, rows = BLOCK_GRID
     column = np.clip(u * columns / width, 0, columns - 1).astype(np.uint8)
     row = np.clip(v * rows / height, 0, rows - 1).astype(np.uint8)
     return Visible(kept, pixels, (row * columns + column).astype(np.uint8), inside)
+
+
+def unhidden(
+    camera: Camera, points: Floats, T: Array, margin: float, tolerance: float
+) -> tuple[NDArray[np.int64], Floats]:
+    """Points in or near the image that nothing nearer hides.
+
+    Args:
+        camera: What sees the points.
+        points: (N, 3) float32 in the LiDAR frame, metres, finite.
+        T: 4x4 `T_camera_lidar`.
+        margin: How far outside the image is near, pixels.
+        tolerance: Points so much farther than the nearest of their cell are hidden, as a share.
+
+    Returns:
+        (M,) indices, sorted by place in the image, and (M, 2) float32 pixels.
+    """
+    pixels, range_m, cell = _project(
+        camera_kernels.model_id(camera),
+        camera_kernels.parameters(camera),
+        flat(T[None])[0],
+        points,
+        camera.width,
+        camera.height,
+        margin,
+    )
+    kept = np.flatnonzero(_unhidden(range_m, cell, tolerance))
+    u, v = pixels[kept].T
+    # Strips of 16 rows, from left to right: neighbours in memory are neighbours in the image.
+    kept = kept[np.argsort(np.floor(v / 16) * 1e5 + u, kind="stable")]
+    return kept, pixels[kept]
 
 
 def nid_cloud(seen: Visible, points: Floats, intensity: Floats) -> NidCloud:
@@ -228,7 +260,7 @@ def nid_cloud(seen: Visible, points: Floats, intensity: Floats) -> NidCloud:
     )
 
 
-def whereabouts(image: NidImage, points: Floats, T: Array) -> str:
+def whereabouts(image: HasCamera, points: Floats, T: Array) -> str:
     """Where points lie as the camera sees it, in words."""
     if not len(points):
         return "the cloud has no points"
@@ -296,7 +328,7 @@ def _project(model, parameters, pose, points, width, height, margin):  # type: i
 
 
 @njit(cache=True, nogil=True)
-def _unhidden(range_m, cell):  # type: ignore[no-untyped-def]
+def _unhidden(range_m, cell, tolerance):  # type: ignore[no-untyped-def]
     """Which points are nearly the nearest of their cell."""
     nearest = np.full(6 * SIDE * SIDE, np.float32(np.inf))
     for i in range(cell.shape[0]):
@@ -304,5 +336,5 @@ def _unhidden(range_m, cell):  # type: ignore[no-untyped-def]
             nearest[cell[i]] = range_m[i]
     kept = np.zeros(cell.shape[0], np.bool_)
     for i in range(cell.shape[0]):
-        kept[i] = cell[i] >= 0 and range_m[i] <= (1.0 + TOLERANCE) * nearest[cell[i]]
+        kept[i] = cell[i] >= 0 and range_m[i] <= (1.0 + tolerance) * nearest[cell[i]]
     return kept
