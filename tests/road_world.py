@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -136,6 +137,12 @@ def road_pair(seed, scene=None, camera=CAMERA, rings=64, columns=1800, noise=0.0
     return pair, kinds == LANE, kinds == POLE
 
 
-def without(pair, **changes):
-    """The pair with other fields."""
-    return replace(pair, **changes)
+@cache
+def made(seed, **options):
+    """`road_pair`, made once."""
+    return road_pair(seed, **options)
+
+
+def white(*masks):
+    """(H, W) uint8, 255 in any of the masks."""
+    return np.where(np.logical_or.reduce(masks), np.uint8(255), np.uint8(0))

@@ -35,12 +35,12 @@ class RoadFeatures:
     Args:
         cloud: Its lane marks and poles; None where there are none to be found.
         view: Those and its masks; None where the masks need a guess, or where they cannot be used.
-        problem: Why not.
+        problem: Why not; None where all is well.
     """
 
     cloud: RoadCloud | None
     view: RoadView | None
-    problem: CalibrationError = CalibrationError("")
+    problem: CalibrationError | None = None
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class Crlf(Calibrator):
             elif features.cloud is not None:
                 image = classical_masks(pair, features.cloud, np.array(initial, float))
                 views.append(road_view(features.cloud, image))
-            else:
+            elif features.problem is not None:
                 problems.append(features.problem)
         if not views:
             raise problems[0]

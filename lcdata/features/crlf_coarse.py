@@ -4,7 +4,7 @@ Two lanes and a pole of the image against all pairs of parallel lanes and all po
 each correspondence gives poses by `p3l`, judged by the cost J. The paper fixes the image's largest
 lanes and pole; here the largest few are tried, as the largest need not be in the cloud. Poses that
 cannot be are not judged: a camera under the road or farther from the LiDAR than `reach_m`, or lines
-behind it.
+behind it, or a camera that is upside down.
 """
 
 from __future__ import annotations
@@ -200,6 +200,9 @@ def _enumerate(  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0915
                 rotations, turned = turns(planes[a], planes[b], uprights[c], first, up)
                 for k in range(turned):
                     R = rotations[k]
+                    # The image shows the sky above the road: up is up, within 60 degrees.
+                    if R[1] @ up > -0.5:
+                        continue
                     best = 0.0
                     above = R.T.copy()
                     seen_lanes = np.empty((len(lanes), 3))

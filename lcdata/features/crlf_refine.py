@@ -240,7 +240,9 @@ def slopes(data: Stack, T: Array, kind: int = FINE) -> tuple[float, Array]:
     return float((phi(lane, road, share) + pole).mean()), gradients
 
 
-def polished(data: Stack, T: Array, kinds: Sequence[int] = (COARSE, FINE)) -> Array:
+def polished(
+    data: Stack, T: Array, kinds: Sequence[int] = (COARSE, FINE), reach: Array = REACH
+) -> Array:
     """The top of the agreement near a pose, on the coarse and then on the fine maps."""
     for kind in kinds:
 
@@ -248,5 +250,5 @@ def polished(data: Stack, T: Array, kinds: Sequence[int] = (COARSE, FINE)) -> Ar
             value, gradients = slopes(data, pose, kind)
             return -value, -gradients.sum(0)
 
-        T, _ = bfgs(slope, T, REACH, 30, 1e-6)
+        T, _ = bfgs(slope, T, reach, 30, 1e-6)
     return T

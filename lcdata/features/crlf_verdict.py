@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features.crlf_refine import agreement, part, polished, slopes
+from lcdata.features.crlf_refine import REACH, agreement, part, polished, slopes
 from lcdata.features.road_cost import class_means, flat_poses
-from lcdata.features.road_view import COARSE, FINE, Road, RoadView, Stack, in_view
+from lcdata.features.road_view import COARSE, FINE, Road, RoadView, Stack, in_view, stack
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
@@ -34,6 +34,12 @@ SIGMA_M, SIGMA_RAD = 0.04, np.deg2rad(0.2)
 
 HALVES_M, HALVES_RAD = 0.1, np.deg2rad(0.5)
 """How far halves may be apart."""
+
+RIVAL_M, RIVAL = 0.35, 0.1
+"""How far starts of rivals are displaced, and how much less than the best they may agree."""
+
+WEIGHTS = np.repeat([1.0, 0.1], 3)
+"""Metres and radians that matter alike: those that an object at 10 m moves by."""
 
 LEAST_PHI, LEAST_POLE = 0.25, 0.5
 """Least correlation of lane points with the lane mask, and share of pole points in theirs."""
@@ -89,6 +95,12 @@ def judge(road: Road, data: Stack, T: Array) -> Verdict:
     if share < LEAST_PHI or pole < LEAST_POLE:
         doubts.append(
             f"lanes fit to {share:.2f} ({LEAST_PHI} needed), poles to {pole:.2f} ({LEAST_POLE})"
+        )
+    rival = strongest_rival(road, T, covariance)
+    if rival is not None:
+        doubts.append(
+            f"{se3.translation_error(rival, T):.2f} m and "
+            f"{np.rad2deg(se3.rotation_error(rival, T)):.1f} deg away, the masks agree as well"
         )
     apart_m, apart_rad = halves_apart(data, T)
     if apart_m > HALVES_M or apart_rad > HALVES_RAD:
@@ -159,6 +171,29 @@ def curvature(data: Stack, T: Array, probes: int = 32) -> Array | None:
     if values[0] <= 1e-3 * max(values[-1], 0.0) or values[-1] <= 0.0:
         return None
     return np.asarray(H / np.outer(PROBE, PROBE))
+
+
+def strongest_rival(road: Road, T: Array, covariance: Array) -> Array | None:
+    """Another top of the agreement nearly as high, None if there is none near by.
+
+    Dashes and stripes repeat themselves along the road, and what is weakly determined has shallow
+    tops: starts are displaced along the road and along the two least determined directions.
+    """
+    along = T[:3, :3] @ road.views[0].cloud.R_ground_lidar[0]
+    scaled = covariance / np.outer(WEIGHTS, WEIGHTS)
+    weakest = (np.linalg.eigh(scaled)[1][:, -2:] * WEIGHTS[:, None]).T
+    weakest *= RIVAL_M / np.maximum(np.abs(weakest[:, :3]).max(1, keepdims=True), 0.1)
+    moves = np.concatenate([[RIVAL_M * np.concatenate([along, np.zeros(3)])], weakest])
+    data = stack(road, T[None])
+    best = float(agreement(data, polished(data, T)[None])[0])
+    rivals = []
+    for move in np.concatenate([moves, -moves]):
+        other = polished(data, se3.exp(move) @ T, reach=0.6 * REACH)
+        metres, radians = se3.translation_error(other, T), se3.rotation_error(other, T)
+        if metres > HALVES_M or radians > HALVES_RAD:
+            rivals.append((float(agreement(data, other[None])[0]), other))
+    value, other = max(rivals, key=lambda rival: rival[0], default=(-np.inf, T))
+    return other if value > best - RIVAL else None
 
 
 def halves_apart(data: Stack, T: Array) -> tuple[float, float]:
