@@ -124,9 +124,9 @@ def from_nothing(task: Task) -> Iterator[Row]:
         coarse = ready.coarse() if ready.masks else Found(_guess(shot, task), float("nan"))
         start = coarse.T_camera_lidar
         given = not ready.masks
-        row = Row(*task.key, ready.feature_seconds, given=given, message=coarse.message)
+        row = Row(*task.key, ready.feature_seconds, given=given)
         if start is None:
-            yield row
+            yield replace(row, message=coarse.message)
             return
         judging = ready.verdict_seconds(start)
         trials = [

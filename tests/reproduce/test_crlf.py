@@ -8,7 +8,6 @@ import json
 import numpy as np
 import pytest
 
-from lcdata.calibrators.registry import create
 from lcdata.errors import LcdataError
 from lcdata.geometry import se3
 from lcdata.reproduce import find
@@ -130,5 +129,10 @@ def test_a_simulated_frame_is_calibrated_from_nothing(tmp_path):
     values = outcome.values["sim-kitti"]
     assert values["coarse_found"] == 1
     assert values["feature_seconds"] > 0
-    assert set(values["messages"]) <= {""}
-    assert create("crlf").needs_initial is False
+    assert values["messages"] == []
+    for name in REFINEMENTS:
+        assert values[name]["seconds"] > 0
+        assert np.isfinite(values[name]["mae"]).all()
+    (kept,) = kept_rows("crlf-table", tmp_path).rows.values()
+    assert [t.refinement for t in kept.trials] == list(REFINEMENTS)
+    assert len({t.start for t in kept.trials}) == 1
