@@ -75,9 +75,8 @@ class Wide(Calibrator):
         prepared: Sequence[Any] | None = None,
     ) -> Calibration:
         """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
-        from lcdata.calibrators.nid_verdict import sandwich
         from lcdata.calibrators.wide_verdict import doubts
-        from lcdata.features.wide_finish import refined
+        from lcdata.features.wide_finish import covariance, refined
         from lcdata.features.wide_objective import images
         from lcdata.features.wide_search import passes, solve
 
@@ -87,26 +86,25 @@ class Wide(Calibrator):
         plan = passes(self.search_rotation_deg, self.search_translation_m)
         pictures = images(features, rng)
         found = solve(features, pictures, T_initial, plan, rng)
-        T, last = refined(features, pictures, found.T, True, rng)
-        gaussian = sandwich(last, T)
-        covariance = np.full((6, 6), np.nan) if gaussian is None else gaussian[0]
-        undetermined = self._undetermined(covariance)
+        T = refined(features, pictures, found.T, True, rng)
+        scattered = covariance(features, pictures, T, rng)
+        undetermined = self._undetermined(scattered)
         limits = (self.agree_translation_m, self.agree_rotation_deg, self.min_pairs)
         doubtful = doubts(features, pictures, T_initial, T, plan, limits, rng)
         return Calibration(
             T,
             converged=not (undetermined or doubtful),
             degenerate=bool(undetermined),
-            covariance=covariance,
+            covariance=np.full((6, 6), np.nan) if scattered is None else scattered,
             seconds=time.perf_counter() - started,
             cost_initial=found.cost_initial,
             cost_final=found.cost_final,
             message="; ".join(undetermined + doubtful),
         )
 
-    def _undetermined(self, covariance: Array) -> list[str]:
+    def _undetermined(self, covariance: Array | None) -> list[str]:
         """What the frames do not determine."""
-        if not np.isfinite(covariance).all():
+        if covariance is None:
             return ["the cost is not curved in every direction"]
         sigma = np.sqrt(np.diag(covariance))
         metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))

@@ -60,7 +60,7 @@ def solve_half(
         frames = views(features, pictures, T, np.deg2rad(MIDDLE.margin_deg), False, rng)
         costs = Objective(frames, MIDDLE.stages[-1].terms)(np.stack([found, other]))
         found = other if costs[1] < costs[0] else found
-    return refined(features, pictures, found, False, rng)[0]
+    return refined(features, pictures, found, False, rng)
 
 
 def doubts(

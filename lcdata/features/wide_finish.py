@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features import wide_objective
-from lcdata.features.nid_objective import Objective, objective
+from lcdata.features.nid_objective import objective
 from lcdata.features.nid_registration import averaged
 from lcdata.features.nid_search import bfgs
+from lcdata.features.nid_views import BLOCK_GRID, BLOCKS
 from lcdata.features.wide_features import WideFeatures
-from lcdata.features.wide_objective import Images, views
+from lcdata.features.wide_objective import MOST_NID_POINTS, Images, Objective, Terms, views
 from lcdata.features.wide_search import FINE
-from lcdata.features.wide_surface import middle
+from lcdata.features.wide_surface import middle, scatter
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 REACH = np.repeat([0.05, np.deg2rad(0.3)], 3)
 """Largest step away from the search's result, metres then radians."""
 
-TERMS = wide_objective.Terms((), 0, (12, 6), 20_000, 1.0, wide_objective.MOST_NID_POINTS)
+TERMS = Terms((), 0, (12, 6), 20_000, 1.0, MOST_NID_POINTS)
 """Of the cost whose valley's middle is sought: all edges, and all points for NID."""
+
+HALVES = 24
+"""Random halves of the images' parts whose minima tell the covariance."""
 
 POINTS = 15_000
 """Points of a pair; more are thinned out."""
@@ -34,8 +39,8 @@ def refined(
     T: Array,
     average: bool,
     rng: np.random.Generator,
-) -> tuple[Array, Objective]:
-    """The minimum of NID and edges next to the search's result.
+) -> Array:
+    """The minimum of NID and edges next to the search's result: 4x4.
 
     First the middle of the valley that the result lies in, then downhill from there.
 
@@ -45,12 +50,61 @@ def refined(
         T: 4x4 result of the search.
         average: Take the mean of the minima of random halves of points and edges.
         rng: Of samples and halves.
-
-    Returns:
-        4x4, and the cost of which it is the minimum.
     """
-    margin = np.deg2rad(FINE.margin_deg)
-    T = middle(wide_objective.Objective(views(features, pictures, T, margin, True, rng), TERMS), T)
+    frames = views(features, pictures, T, np.deg2rad(FINE.margin_deg), True, rng)
+    T = middle(Objective(frames, TERMS), T)
     last = objective([f.nid for f in features], T, True).thinned(POINTS * len(features), rng)
     found, _ = bfgs(last.slope, T, REACH, 30, 1e-7)
-    return averaged(last, found, 0.5 * REACH, rng) if average else found, last
+    return averaged(last, found, 0.5 * REACH, rng) if average else found
+
+
+def covariance(
+    features: Sequence[WideFeatures],
+    pictures: Sequence[Images],
+    T: Array,
+    rng: np.random.Generator,
+) -> Array | None:
+    """6x6 predicted covariance of an estimate; None where the cost is not curved upwards.
+
+    Args:
+        features: Of all frames.
+        pictures: Of all frames.
+        T: 4x4 the estimate.
+        rng: Of samples and halves.
+    """
+    frames = views(features, pictures, T, np.deg2rad(FINE.margin_deg), True, rng)
+    whole = Objective(frames, TERMS)
+    blocks = [
+        (_blocks(f, v.edges, T), _blocks(f, v.lit, T))
+        for f, v in zip(features, frames, strict=True)
+    ]
+    halves = []
+    for _ in range(HALVES):
+        part = []
+        for v, (edges, lit) in zip(frames, blocks, strict=True):
+            chosen = np.zeros(BLOCKS, bool)
+            chosen[rng.permutation(BLOCKS)[: BLOCKS // 2]] = True
+            e, p = chosen[edges], chosen[lit]
+            part.append(
+                replace(
+                    v,
+                    edges=v.edges[e],
+                    weights=v.weights[e],
+                    lit=v.lit[p],
+                    bins=v.bins[p],
+                    lit_order=v.lit_order[p],
+                )
+            )
+        halves.append(Objective(part, TERMS))
+    return scatter(whole, halves, T)
+
+
+def _blocks(f: WideFeatures, points: Floats, T: Array) -> NDArray[np.int64]:
+    """Part of the image that points are in or next to, below `BLOCKS`."""
+    camera = f.nid.image.camera
+    pixels, _ = camera.project(points @ T[:3, :3].T + T[:3, 3])
+    columns, rows = BLOCK_GRID
+    u, v = np.nan_to_num(pixels).T
+    column = np.clip(u * columns / camera.width, 0, columns - 1).astype(np.int64)
+    row = np.clip(v * rows / camera.height, 0, rows - 1).astype(np.int64)
+    return np.asarray(row * columns + column)
