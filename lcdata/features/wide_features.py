@@ -60,6 +60,8 @@ def wide_features(pair: Pair) -> WideFeatures:
         good &= np.abs(points).sum(axis=1) > NEAREST_M
         good &= np.abs(points).max(axis=1, initial=0.0) < 1e4
         light = _usable(pair, good)
+        if light is not None:
+            good &= np.isfinite(light)
     if good.sum() < FEWEST_POINTS:
         raise CalibrationError(
             f"{name}: {int(good.sum())} of {len(points)} points are finite and {NEAREST_M} m off",
@@ -96,10 +98,9 @@ def wide_features(pair: Pair) -> WideFeatures:
 
 
 def _usable(pair: Pair, good: NDArray[np.bool_]) -> Floats | None:
-    """(N,) intensities with 0 where there is none; None where they say nothing."""
+    """(N,) intensities, NaN where there is none; None where they say nothing."""
     if pair.intensity is None:
         return None
     light = np.asarray(pair.intensity, np.float32)
-    light = np.where(np.isfinite(light), light, np.float32(0.0))
-    known = light[good]
+    known = light[good & np.isfinite(light)]
     return light if len(known) and known.min() < known.max() else None
