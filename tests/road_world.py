@@ -61,10 +61,10 @@ def cast(scene, origin, rays):
         far = np.where(rays[:, 2] < -1e-6, -origin[2] / rays[:, 2], np.inf)
         place = origin[:2] + far[:, None] * rays[:, :2]
         kind = np.where(np.abs(place[:, 1]) < 7.5, ROAD, GRASS)
+        near = np.flatnonzero((np.abs(place[:, 1]) < 8) & (far < 150))
+        x, y = place[near].T
         for x0, x1, y0, y1 in scene.marks:
-            inside = (place[:, 0] > x0) & (place[:, 0] < x1)
-            inside &= (place[:, 1] > y0) & (place[:, 1] < y1)
-            kind[inside & np.isfinite(far)] = LANE
+            kind[near[(x > x0) & (x < x1) & (y > y0) & (y < y1)]] = LANE
         far = np.where(far < 150, far, np.inf)
         kind[~np.isfinite(far)] = SKY
         for x, y, radius, height in scene.poles:
@@ -100,14 +100,14 @@ def mount(seed, rotation_deg=2.0, metres=0.3):
     return T_world_lidar, se3.exp(twist) @ T
 
 
-def road_pair(seed, scene=None, camera=CAMERA, rings=64, columns=1800, noise=0.015, T=None):
+def road_pair(seed, scene=None, camera=CAMERA, rings=64, columns=1000, noise=0.015, T=None):
     """A pair, and its true lane and pole masks (H, W) bool."""
     scene = road(seed) if scene is None else scene
     rng = np.random.default_rng([seed, 2])
     T_world_lidar, T_camera_lidar = mount(seed)
     T_camera_lidar = T_camera_lidar if T is None else T
     elevation = np.deg2rad(np.linspace(15, -25, rings))
-    azimuth = np.linspace(-np.pi, np.pi, columns, endpoint=False)
+    azimuth = np.linspace(-1.75, 1.75, columns)
     e, a = (grid.ravel() for grid in np.meshgrid(elevation, azimuth, indexing="ij"))
     rays = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     R, p = T_world_lidar[:3, :3], T_world_lidar[:3, 3]

@@ -29,13 +29,13 @@ INFLATION = 1.5
 FLOOR = np.repeat([0.01, np.deg2rad(0.05)], 3)
 """Standard deviations that no mask is better than, metres then radians."""
 
-SIGMA_M, SIGMA_RAD = 0.04, np.deg2rad(0.2)
+SIGMA_M, SIGMA_RAD = 0.035, np.deg2rad(0.15)
 """Largest predicted standard deviations, in the worst direction, of a pose that is trusted."""
 
 HALVES_M, HALVES_RAD = 0.1, np.deg2rad(0.5)
 """How far halves may be apart."""
 
-RIVAL_M, RIVAL = 0.35, 0.1
+RIVAL_M, RIVAL = 0.35, 0.04
 """How far starts of rivals are displaced, and how much less than the best they may agree."""
 
 WEIGHTS = np.repeat([1.0, 0.1], 3)
@@ -188,7 +188,7 @@ def strongest_rival(road: Road, T: Array, covariance: Array) -> Array | None:
     best = float(agreement(data, polished(data, T)[None])[0])
     rivals = []
     for move in np.concatenate([moves, -moves]):
-        other = polished(data, se3.exp(move) @ T, reach=0.6 * REACH)
+        other = polished(data, se3.exp(move) @ T, reach=2.0 * REACH)
         metres, radians = se3.translation_error(other, T), se3.rotation_error(other, T)
         if metres > HALVES_M or radians > HALVES_RAD:
             rivals.append((float(agreement(data, other[None])[0]), other))
@@ -198,5 +198,5 @@ def strongest_rival(road: Road, T: Array, covariance: Array) -> Array | None:
 
 def halves_apart(data: Stack, T: Array) -> tuple[float, float]:
     """Metres and radians between the tops of two disjoint halves of the marks and poles."""
-    poses = [polished(part(data, data.group % 2 == odd), T, (FINE,)) for odd in (0, 1)]
+    poses = [polished(part(data, data.group % 2 == odd), T) for odd in (0, 1)]
     return se3.translation_error(*poses), se3.rotation_error(*poses)

@@ -22,6 +22,9 @@ STEEPEST = float(np.tan(np.deg2rad(8.0)))
 LENGTH_M, POINTS, POLES = 1.2, 5, 40
 """A pole's least length and points; poles at most."""
 
+MOST = 40
+"""Points of a pole that are kept: near ones, which hundreds hit, do not count more."""
+
 AROUND_M = 1.0
 """Radius of the surroundings of a pole that must be nearly empty, and how far above it."""
 
@@ -68,7 +71,20 @@ def find_poles(
     chosen = chosen[np.argsort(-count[chosen], kind="stable")]
     member, ends = _grow(np.ascontiguousarray(points[order]), cells, start, chosen)
     found = np.flatnonzero(member >= 0)
+    found = found[_evenly(member[found], points[order[found], 2])]
     return index[order[found]], member[found], ends
+
+
+def _evenly(member: Indices, height: Array) -> Indices:
+    """Indices of at most `MOST` points of each pole, evenly over their heights."""
+    order = np.lexsort((height, member))
+    count = np.bincount(member)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    place = np.arange(len(order)) - first[member[order]]
+    size = count[member[order]]
+    step = np.maximum(size / MOST, 1.0)
+    kept = np.floor(place / step) != np.floor((place - 1) / step)
+    return np.asarray(order[kept])
 
 
 @njit(cache=True, nogil=True)
