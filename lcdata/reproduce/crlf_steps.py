@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator
+from lcdata.calibrators.crlf import CANDIDATES, KEPT, Crlf
 from lcdata.calibrators.registry import create
 from lcdata.errors import CalibrationError
+from lcdata.features.crlf_coarse import coarse, ranked
+from lcdata.features.road_view import together
 from lcdata.reproduce.crlf_frames import Frame
 
 Array = NDArray[np.float64]
@@ -68,8 +71,22 @@ class Steps:
         """Three lines, from nothing."""
         return self._run(None, {"refine": "none"})
 
+    def coarse_seconds(self) -> float:
+        """What the coarse calibration alone takes, without the verdict on it."""
+        view = self.features.view
+        method = _method(self.frame, self.masks, {})
+        assert isinstance(method, Crlf)
+        started = time.process_time()
+        poses, _ = coarse(view, method.reach_m, CANDIDATES)
+        if len(poses):
+            ranked(together([view]), poses, KEPT)
+        return time.process_time() - started
+
     def verdict_seconds(self, T: Array) -> float:
-        """What judging an extrinsic takes, which every run ends with."""
+        """What judging an extrinsic takes, which every run ends with.
+
+        Where there are no masks, the search for them, which every run begins with, is in it.
+        """
         return self._run(T, {"refine": "none", "coarse": "never"}).seconds
 
     def refined(self, name: str, start: Array | None, wide: bool = False) -> Found:

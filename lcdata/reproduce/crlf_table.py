@@ -132,6 +132,10 @@ def _number(value: float | None, digits: int = 3) -> str:
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
 
 
+def _beyond(metres: float | None, degrees: float | None) -> str:
+    return "–" if metres is None else f"{_number(metres, 2)} m, {_number(degrees, 2)}°"
+
+
 def _times(values: dict[str, Any], found: dict[Source, list[Row]]) -> Table:
     steps: list[tuple[str, float | None, list[float | None]]] = [
         (
@@ -150,7 +154,13 @@ def _times(values: dict[str, Any], found: dict[Source, list[Row]]) -> Table:
         steps.append(
             (f"Refinement: {name}", paper, [values[s.name][name]["seconds"] for s in found])
         )
-    steps.append(("Verdict (ours alone)", None, [values[s.name]["verdict_seconds"] for s in found]))
+    steps.append(
+        (
+            "Verdict (ours alone), and masks where none are given",
+            None,
+            [values[s.name]["verdict_seconds"] for s in found],
+        )
+    )
     rows = tuple(
         (step, _number(paper), *(_number(own) for own in ours)) for step, paper, ours in steps
     )
@@ -201,7 +211,7 @@ def _shares(values: dict[str, Any], found: dict[Source, list[Row]]) -> Table:
                 "100 / 100",
                 f"{own['coarse_good']} / {own['frames']}" if own["coarse_found"] else "–",
                 f"{metres:g} m, {degrees:g}°",
-                f"{_number(own['coarse_80_m'], 2)} m, {_number(own['coarse_80_deg'], 2)}°",
+                _beyond(own["coarse_80_m"], own["coarse_80_deg"]),
                 *(f"{own[name]['success']} / {own['frames']}" for name in REFINEMENTS),
                 f"{own['crlf']['converged']} / {own['frames']}",
                 str(own["crlf"]["wrong_but_converged"]),

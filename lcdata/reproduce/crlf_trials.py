@@ -128,15 +128,15 @@ def from_nothing(task: Task) -> Iterator[Row]:
         if start is None:
             yield replace(row, message=coarse.message)
             return
-        judging = ready.verdict_seconds(start)
-        trials = [
-            _trial(ready, name, 0, start, name == "crlf" and bool(ready.masks), coarse, judging)
-            for name in REFINEMENTS
-        ]
+        own = 0.0 if given else ready.coarse_seconds()
+        trials = []
+        for name in REFINEMENTS:
+            whole = name == "crlf" and not given
+            trials.append(_trial(ready, name, 0, start, whole, own))
         yield replace(
             row,
-            coarse_seconds=coarse.seconds - judging,
-            verdict_seconds=judging,
+            coarse_seconds=float("nan") if given else own,
+            verdict_seconds=ready.verdict_seconds(start),
             trials=tuple(t for t in trials if t is not None),
         )
 
@@ -162,8 +162,12 @@ def _shot(task: Task) -> Frame:
     if not _COMPILED:
         with steps(shot) as ready:
             ready.coarse()
+            if ready.masks and ready.features.view is not None:
+                ready.coarse_seconds()
+                ready.refined("crlf", None)
             for name in REFINEMENTS:
                 ready.refined(name, _truth(shot))
+            ready.verdict_seconds(_truth(shot))
         _COMPILED.add(True)
     return shot
 
@@ -185,17 +189,24 @@ def _trial(
     name: str,
     level: int,
     start: Array,
-    from_nothing: bool = False,
-    coarse: Found | None = None,
-    judging: float = 0.0,
+    whole: bool = False,
+    coarse_seconds: float = 0.0,
 ) -> Trial | None:
-    """One refinement; None where the method refuses."""
+    """One refinement; None where the method refuses.
+
+    Args:
+        ready: The frame.
+        name: Of the refinement.
+        level: Of the start.
+        start: 4x4.
+        whole: Let the method find its own start, which takes `coarse_seconds`.
+        coarse_seconds: Not counted.
+    """
     truth = _truth(ready.frame)
-    found = ready.refined(name, None if from_nothing else start, wide=level > 0)
+    found = ready.refined(name, None if whole else start, wide=level > 0)
     if found.T_camera_lidar is None:
         return None
-    seconds = found.seconds - judging
-    if from_nothing and coarse is not None:
-        seconds = found.seconds - coarse.seconds
+    seconds = found.seconds - ready.verdict_seconds(found.T_camera_lidar)
+    seconds -= coarse_seconds if whole else 0.0
     end = per_axis(found.T_camera_lidar, truth)
     return Trial(level, name, per_axis(start, truth), end, seconds, found.converged)
