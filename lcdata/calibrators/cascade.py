@@ -16,6 +16,7 @@ from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
 from lcdata.calibrators.evidence import Finding, agreeing, distance, fused
 from lcdata.calibrators.polish import Polished, confirm, polish
 from lcdata.calibrators.registry import create
+from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.errors import CalibrationError, LcdataError
 from lcdata.pair import Pair
 
@@ -113,15 +114,14 @@ class Cascade(Calibrator):
         best, confirmed = max(polished, key=lambda item: _contrast(item[1]))
         result, accepted, words = self._concluded(best, confirmed)
         steps.append(words)
-        sigma = self._too_uncertain(result.covariance)
-        if sigma:
-            steps.append(sigma)
+        limits = self.max_translation_sigma_m, self.max_rotation_sigma_deg
+        undetermined = too_uncertain(result.covariance, *limits)
         return dataclasses.replace(
             result,
-            converged=trusted and accepted and not sigma,
-            degenerate=bool(sigma),
+            converged=trusted and accepted and not undetermined,
+            degenerate=bool(undetermined),
             seconds=time.perf_counter() - started,
-            message="; ".join(steps),
+            message="; ".join(steps + undetermined),
         )
 
     def _methods(self, pairs: Sequence[Pair]) -> list[Calibrator]:
@@ -216,14 +216,6 @@ class Cascade(Calibrator):
             cost_final=confirmed.cost,
         )
         return refined, True, words
-
-    def _too_uncertain(self, covariance: Array) -> str:
-        """Why a covariance is too large, or nothing."""
-        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
-        if degrees <= self.max_rotation_sigma_deg and metres <= self.max_translation_sigma_m:
-            return ""
-        return f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"
 
 
 def _contrast(polished: Polished | None) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.calibrators.nid_verdict import REACH
+from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.edge_alignment import GATES, Aligned, Alignment, Matches
 from lcdata.geometry import se3
@@ -60,10 +61,7 @@ def judge(
     doubts, undetermined = [], []
     matches = found.matches
     covariance = sandwich(matches, found.weights)
-    sigma = np.sqrt(np.diag(covariance))
-    metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
-    if not (metres <= limits[0] and degrees <= limits[1]):
-        undetermined.append(f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m")
+    undetermined += too_uncertain(covariance, *limits)
     spread = directions(matches)
     if spread < PARALLEL:
         undetermined.append(f"matched edges are nearly parallel (eigenvalues {spread:.3f})")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
+from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import (
     FINEST,
     Objective,
@@ -165,11 +166,8 @@ class LineCalibrator(Calibrator):
             found.append(f"matched lines are nearly parallel (singular values {rotation:.3f})")
         if translation < TRANSLATION_RATIO:
             found.append(f"matched lines leave the translation open ({translation:.4f})")
-        sigma = np.sqrt(np.diag(covariance))
-        metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
-        if degrees > self.max_rotation_sigma_deg or metres > self.max_translation_sigma_m:
-            found.append(f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m")
-        return found
+        limits = self.max_translation_sigma_m, self.max_rotation_sigma_deg
+        return found + too_uncertain(covariance, *limits)
 
 
 def _doubts(solution: Solution, matches: Matches, objective: Objective) -> list[str]:

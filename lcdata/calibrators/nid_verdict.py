@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.nid_search import Stage, bfgs, shrinking_search
 from lcdata.features.pose_cost import PoseCost
@@ -86,13 +87,7 @@ def judge(
         undetermined.append("the cost is not curved in every direction")
     else:
         covariance = gaussian[0]
-        sigma = np.sqrt(np.diag(covariance))
-        metres = float(np.linalg.norm(sigma[:3]))
-        degrees = float(np.rad2deg(np.linalg.norm(sigma[3:])))
-        if metres > limits[0] or degrees > limits[1]:
-            undetermined.append(
-                f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"
-            )
+        undetermined += too_uncertain(covariance, *limits)
     turned = np.abs(se3.log(found.T @ se3.inverse(T_initial))[3:]) / box[3:]
     moved = np.abs((found.T - T_initial)[:3, 3]) / box[:3]
     if max(turned.max(), moved.max()) > REACH:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.calibrators.nid_verdict import AGREE_M, AGREE_RAD, MIN_CONTRAST, REACH
+from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.nid_search import Stage, shrinking_search
 from lcdata.features.segment_objective import Prior, SegmentObjective
@@ -72,13 +73,7 @@ def judge(
         covariance = np.full((6, 6), np.nan)
         undetermined.append("the cost is not curved upwards")
     else:
-        sigma = np.sqrt(np.diag(covariance))
-        metres = float(np.linalg.norm(sigma[:3]))
-        degrees = float(np.rad2deg(np.linalg.norm(sigma[3:])))
-        if metres > limits[0] or degrees > limits[1]:
-            undetermined.append(
-                f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"
-            )
+        undetermined += too_uncertain(covariance, *limits)
     turned = np.abs(se3.log(T @ se3.inverse(T_initial))[3:]) / box[3:]
     moved = np.abs((T - T_initial)[:3, 3]) / box[:3]
     if max(turned.max(), moved.max()) > REACH:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator
+from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.pair import Pair
 
 if TYPE_CHECKING:
@@ -106,8 +107,5 @@ class Wide(Calibrator):
         """What the frames do not determine."""
         if covariance is None:
             return ["the cost is not curved in every direction"]
-        sigma = np.sqrt(np.diag(covariance))
-        metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
-        if metres <= self.max_translation_sigma_m and degrees <= self.max_rotation_sigma_deg:
-            return []
-        return [f"predicted standard deviation of {degrees:.2g} deg, {metres:.2g} m"]
+        limits = self.max_translation_sigma_m, self.max_rotation_sigma_deg
+        return too_uncertain(covariance, *limits)
