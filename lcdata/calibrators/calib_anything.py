@@ -145,6 +145,11 @@ class CalibAnything(Calibrator):
             good = np.isfinite(points).all(axis=1)
             good &= np.abs(points).sum(axis=1) > NEAREST_M
             good &= np.abs(points).max(axis=1, initial=0.0) < 1e4
+        if not good.any():
+            raise CalibrationError(
+                f"{_name(pair)}: none of {len(points)} points is finite and near",
+                "give a cloud in metres",
+            )
         light, note = None, "no intensity: normals and classes only"
         if pair.intensity is not None:
             with np.errstate(over="ignore"):

@@ -90,10 +90,9 @@ class StepCost:
         costs = np.zeros(len(poses))
         for v in self.views:
             weights = v.weights / np.float32(len(levels) * len(self.views))
-            for level in levels:
-                field = v.fields.fields[level]
-                camera = v.image.model, v.image.parameters
-                edge_costs(*camera, rows, v.points, weights, field, costs)
+            camera = v.image.model, v.image.parameters
+            fields = v.fields.fields
+            edge_costs(*camera, rows, v.points, weights, fields, np.array(levels), costs)
         return costs
 
     def soft(self, T: Array, levels: Sequence[int] = FINEST) -> tuple[float, Array]:
@@ -106,10 +105,9 @@ class StepCost:
         total, gradients = 0.0, np.zeros((len(self.views), BLOCKS, 6))
         for v, shares in zip(self.views, gradients, strict=True):
             weights = v.weights / np.float32(len(levels) * len(self.views))
-            for level in levels:
-                field = v.fields.fields[level]
-                camera = v.image.model, v.image.parameters
-                total += edge_gradient(*camera, pose, v.points, weights, field, v.blocks, shares)
+            camera = v.image.model, v.image.parameters
+            fields = v.fields.fields, np.array(levels)
+            total += edge_gradient(*camera, pose, v.points, weights, *fields, v.blocks, shares)
         return total, gradients.reshape(-1, 6)
 
     def slope(self, T: Array) -> tuple[float, Array]:
