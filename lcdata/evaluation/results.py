@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lcdata.calibrators.base import LineMatches
 from lcdata.errors import ReportError
 from lcdata.evaluation import metrics
+from lcdata.evaluation.comparison import Comparison, compare
 from lcdata.geometry import se3
 
 if TYPE_CHECKING:
@@ -193,8 +194,13 @@ class Results:
         """Table of `metrics.summarise`."""
         return metrics.summarise(self.trials)
 
+    @cached_property
+    def comparisons(self) -> list[Comparison]:
+        """Methods two by two, on the trials that both have made."""
+        return compare(self.trials)
+
     def to_dict(self) -> dict[str, Any]:
-        """Summaries and failures as plain values."""
+        """Summaries, comparisons and failures as plain values."""
         summaries = [
             dataclasses.asdict(s)
             | {"success_rate": s.success_rate, "explained_rate": s.explained_rate}
@@ -203,7 +209,10 @@ class Results:
         for summary in summaries:
             for name in ("rotation_deg", "translation_m", "groundtruth"):
                 summary[name] = summary[name]._asdict()
-        return {"summary": summaries, "failures": self.failures}
+        comparisons = [
+            dataclasses.asdict(c) | {"better": c.better or None} for c in self.comparisons
+        ]
+        return {"summary": summaries, "comparisons": comparisons, "failures": self.failures}
 
     def split_stale(self, dataset: Dataset) -> tuple[Results, Results]:
         """Trials measured against the data set's present ground truth, and all others."""
