@@ -56,7 +56,7 @@ Progress = Callable[[str, int, int], None]
 def write_report(
     dataset: Dataset, *, recompute: bool = False, progress: Progress | None = None
 ) -> Path:
-    """Make tables, plots and one HTML page from the stored results of a data set.
+    """Make tables, plots and one HTML page from the stored results of a data set, in its folder.
 
     Results against another ground truth than the data set's own are named and left out, or
     measured again.
@@ -73,6 +73,28 @@ def write_report(
         ReportError: There are no results to show.
     """
     results, notice = _current(dataset, recompute)
+    return write_pages(dataset, results, Path(dataset.path) / REPORT, notice, progress)
+
+
+def write_pages(
+    dataset: Dataset,
+    results: Results,
+    folder: Path,
+    notice: str = "",
+    progress: Progress | None = None,
+) -> Path:
+    """Make tables, plots and one HTML page of any trials on a data set.
+
+    Args:
+        dataset: The data set.
+        results: One trial or more, against its present ground truth.
+        folder: Where to.
+        notice: What a reader must know first.
+        progress: Called as parts are finished.
+
+    Returns:
+        Path of index.html.
+    """
     hardest_first = sorted(
         results.trials,
         key=lambda t: (
@@ -83,7 +105,6 @@ def write_report(
         ),
     )
     runs = {run: list(trials) for run, trials in groupby(hardest_first, key=lambda t: t.run)}
-    folder = Path(dataset.path) / REPORT
     total, done = sum(1 + len({t.method for t in trials}) for trials in runs.values()), 0
 
     def advance() -> None:
