@@ -10,6 +10,7 @@ from lcdata.cli import (
     arm,
     build,
     calibrate,
+    experiment,
     groundtruth,
     handeye,
     info,
@@ -71,3 +72,4 @@ for module in COMMANDS:
     name = module.__name__.rpartition(".")[2]
     app.command(name, epilog=f"Example:  {module.EXAMPLE}")(getattr(module, name))
 app.add_typer(arm.app)
+app.add_typer(experiment.app)
