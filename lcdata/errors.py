@@ -76,6 +76,10 @@ class SimulationError(LcdataError):
     """A simulation that cannot be made as asked."""
 
 
+class ExperimentError(LcdataError):
+    """An experiment file with a wrong key or value, or a store that cannot be used."""
+
+
 class ReportError(LcdataError):
     """Results that cannot be shown."""
 

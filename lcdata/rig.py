@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -12,7 +11,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from pydantic import (
-    BaseModel,
     BeforeValidator,
     Field,
     PrivateAttr,
@@ -294,36 +292,4 @@ def _validated(content: Any, source: str, root: yaml.Node | None) -> Rig:
     try:
         return Rig.model_validate(content, context={"folder": Path(source).parent})
     except ValidationError as error:
-        raise RigError(_describe(error, source, root)) from error
-
-
-def _describe(error: ValidationError, source: str, root: yaml.Node | None) -> str:
-    """The first error in one line: file:line, key, value, and what is allowed."""
-    first = error.errors()[0]
-    path = [part for part in first["loc"] if isinstance(part, str | int)]
-    line = yaml_file.line_of(root, path)
-    where = f"{source}:{line}" if line else source
-    key = ".".join(map(str, path))
-    if first["type"] == "extra_forbidden":
-        known = _keys_at(path[:-1])
-        close = difflib.get_close_matches(str(path[-1]), known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
-        return f"{where}: unknown key {key}: {hint}"
-    message = first["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:] if message[:5] == "Input" else message
-    value = first["input"]
-    if not key:
-        return f"{where}: {message}"
-    shown = repr(value)
-    shown = shown if len(shown) <= 80 else shown[:77] + "..."
-    return f"{where}: {key} is {shown}: {message}"
-
-
-def _keys_at(path: Sequence[str | int]) -> list[str]:
-    """Keys that are allowed at a place in the rig."""
-    section: type[BaseModel] = Rig
-    for part in path:
-        annotation = section.model_fields[str(part)].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        section = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
-    return list(section.model_fields)
+        raise RigError(yaml_file.describe(error, source, root, Rig)) from error

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
 
 
 class Parsed(NamedTuple):
@@ -78,3 +82,53 @@ def line_of(node: yaml.Node | None, path: Sequence[str | int]) -> int | None:
             node = node.value[part] if part < len(node.value) else None
             line = node.start_mark.line + 1 if node else line
     return line
+
+
+def describe(
+    error: ValidationError, source: str, root: yaml.Node | None, model: type[BaseModel]
+) -> str:
+    """The first thing wrong in one line: file:line, key, value, and what is allowed.
+
+    Args:
+        error: What the model said of the document.
+        source: Name of the file.
+        root: Nodes of the document.
+        model: What the document was to be.
+    """
+    first = error.errors()[0]
+    path = [part for part in first["loc"] if isinstance(part, str | int)]
+    line = line_of(root, path)
+    where = f"{source}:{line}" if line else source
+    key = ".".join(map(str, path))
+    if first["type"] == "extra_forbidden":
+        known = _keys_at(model, path[:-1])
+        close = difflib.get_close_matches(str(path[-1]), known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
+        return f"{where}: unknown key {key}: {hint}"
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:] if message[:5] == "Input" else message
+    value = first["input"]
+    if not key:
+        return f"{where}: {message}"
+    shown = repr(value)
+    shown = shown if len(shown) <= 80 else shown[:77] + "..."
+    return f"{where}: {key} is {shown}: {message}"
+
+
+def _keys_at(model: type[BaseModel], path: Sequence[str | int]) -> list[str]:
+    """Keys that are allowed at a place in the document."""
+    section = model
+    for part in path:
+        if isinstance(part, str):
+            section = next(_models(section.model_fields[part].annotation))
+    return list(section.model_fields)
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Models within an annotation: of `list[Section] | None`, Section."""
+    from pydantic import BaseModel
+
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in getattr(annotation, "__args__", ()):
+        yield from _models(part)

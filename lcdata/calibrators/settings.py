@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lcdata.calibrators.base import Calibrator
@@ -35,11 +35,20 @@ def configured(methods: Sequence[str], settings: Sequence[str] = ()) -> list[Cal
                 f"{text!r} is for {method}, which does not run", "name it in --methods too"
             )
         parameters[method][name.replace("-", "_")] = _value(text, value.strip())
-    return [_created(name, parameters[name]) for name in methods]
+    return [created(name, parameters[name]) for name in methods]
 
 
-def _created(method: str, values: dict[str, Any]) -> Calibrator:
-    """A method whose parameters have the types of its defaults."""
+def created(method: str, values: Mapping[str, Any]) -> Calibrator:
+    """A method whose parameters have the types of its defaults.
+
+    Args:
+        method: Its name.
+        values: Parameters as they were read from YAML.
+
+    Raises:
+        CalibrationError: An unknown method or parameter, or a value of another kind.
+    """
+    values = dict(values)
     default = create(method)
     fields: tuple[dataclasses.Field[Any], ...] = (
         dataclasses.fields(default) if dataclasses.is_dataclass(default) else ()

@@ -10,6 +10,7 @@ from lcdata.cli import (
     arm,
     build,
     calibrate,
+    experiment,
     groundtruth,
     handeye,
     import_,
@@ -73,3 +74,4 @@ for module in COMMANDS:
     app.command(name, epilog=f"Example:  {module.EXAMPLE}")(getattr(module, name))
 app.add_typer(import_.app)
 app.add_typer(arm.app)
+app.add_typer(experiment.app)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcdata.evaluation.statistics import UNKNOWN, Interval, median_interval, rate_interval
 from lcdata.geometry import se3
 from lcdata.groundtruth.budget import variances
 
@@ -109,6 +110,9 @@ class Summary:
         sigma_distance: Median distance in ground-truth standard deviations; NaN if unknown.
         seconds: Median time of one calibration, features included.
         groundtruth: Root mean square uncertainty of the ground truth of these trials.
+        success_interval: 95 % confidence interval of the success rate.
+        rotation_deg_interval: The same of the median rotation error.
+        translation_m_interval: The same of the median translation error.
     """
 
     run: str
@@ -126,6 +130,9 @@ class Summary:
     sigma_distance: float
     seconds: float
     groundtruth: Sigma
+    success_interval: Interval = UNKNOWN
+    rotation_deg_interval: Interval = UNKNOWN
+    translation_m_interval: Interval = UNKNOWN
 
     @property
     def explained_rate(self) -> float:
@@ -159,6 +166,8 @@ def summarise(trials: Sequence[TrialResult]) -> list[Summary]:
 
 def _summarise(run: str, scenario: str, method: str, trials: Sequence[TrialResult]) -> Summary:
     distances = [t.sigma_distance for t in trials]
+    units = [t.pair_ids for t in trials]
+    rotations, translations = errors(trials, "rotation_deg"), errors(trials, "translation_m")
     known = any(math.isfinite(t.groundtruth_rotation_sigma_deg) for t in trials)
     return Summary(
         run=run,
@@ -171,18 +180,33 @@ def _summarise(run: str, scenario: str, method: str, trials: Sequence[TrialResul
         misled=sum(t.converged and not (t.success or is_explained(t)) for t in trials),
         explained=sum(is_explained(t) for t in trials),
         degenerate=sum(t.degenerate for t in trials),
-        rotation_deg=quartiles(t.rotation_error_deg for t in trials),
-        translation_m=quartiles(t.translation_error_m for t in trials),
+        rotation_deg=quartiles(rotations),
+        translation_m=quartiles(translations),
         sigma_distance=quartiles(distances).median if known else math.nan,
         seconds=quartiles(t.seconds for t in trials).median,
         groundtruth=Sigma(
-            _rms([t.groundtruth_rotation_sigma_deg for t in trials]),
-            _rms([t.groundtruth_translation_sigma_m for t in trials]),
+            rms([t.groundtruth_rotation_sigma_deg for t in trials]),
+            rms([t.groundtruth_translation_sigma_m for t in trials]),
         ),
+        success_interval=rate_interval((t.success for t in trials), units),
+        rotation_deg_interval=median_interval(rotations, units),
+        translation_m_interval=median_interval(translations, units),
     )
 
 
-def _rms(values: Sequence[float]) -> float:
+def errors(trials: Iterable[TrialResult], quantity: str) -> list[float]:
+    """Errors of trials, infinite where there is no estimate.
+
+    Args:
+        trials: The trials.
+        quantity: "rotation_deg" or "translation_m".
+    """
+    kind, _, unit = quantity.partition("_")
+    found = (float(getattr(t, f"{kind}_error_{unit}")) for t in trials)
+    return [error if math.isfinite(error) else math.inf for error in found]
+
+
+def rms(values: Sequence[float]) -> float:
     """Root mean square; NaN if any value is unknown."""
     return float(np.sqrt(np.mean(np.square(values)))) if values else math.nan
 

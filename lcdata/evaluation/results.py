@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,10 +18,12 @@ from numpy.typing import NDArray
 from lcdata.calibrators.base import LineMatches
 from lcdata.errors import ReportError
 from lcdata.evaluation import metrics
+from lcdata.evaluation.comparison import Comparison, compare
 from lcdata.geometry import se3
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
     from lcdata.dataset import Dataset
     from lcdata.dataset.schema import PoseRecord
@@ -193,8 +196,13 @@ class Results:
         """Table of `metrics.summarise`."""
         return metrics.summarise(self.trials)
 
+    @cached_property
+    def comparisons(self) -> list[Comparison]:
+        """Methods two by two, on the trials that both have made."""
+        return compare(self.trials)
+
     def to_dict(self) -> dict[str, Any]:
-        """Summaries and failures as plain values."""
+        """Summaries, comparisons and failures as plain values."""
         summaries = [
             dataclasses.asdict(s)
             | {"success_rate": s.success_rate, "explained_rate": s.explained_rate}
@@ -203,7 +211,10 @@ class Results:
         for summary in summaries:
             for name in ("rotation_deg", "translation_m", "groundtruth"):
                 summary[name] = summary[name]._asdict()
-        return {"summary": summaries, "failures": self.failures}
+        comparisons = [
+            dataclasses.asdict(c) | {"better": c.better or None} for c in self.comparisons
+        ]
+        return {"summary": summaries, "comparisons": comparisons, "failures": self.failures}
 
     def split_stale(self, dataset: Dataset) -> tuple[Results, Results]:
         """Trials measured against the data set's present ground truth, and all others."""
@@ -246,20 +257,30 @@ def read_results(dataset: Dataset, run: str | None = None) -> Results:
 
 def read_run(path: Path) -> Results:
     """Read one results file."""
+    with readable(path) as file:
+        return Results(tuple(_from_row(row) for row in file.read().to_pylist()))
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[pq.ParquetFile]:
+    """A file of results to be read; what is wrong with it is told by its name.
+
+    Raises:
+        ReportError: It cannot be read or is of another version.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(path)
-        version = int((file.schema_arrow.metadata or {}).get(b"lcdata.results", b"0"))
-        if version not in {1, SCHEMA_VERSION}:
-            age = "a newer" if version > SCHEMA_VERSION else "another"
-            raise ReportError(
-                f"{path} has results schema {version}, this lcdata reads {SCHEMA_VERSION}",
-                f"it was written by {age} version: use that, or calibrate again",
-            )
-        rows = file.read().to_pylist()
-        return Results(tuple(_from_row(row) for row in rows))
+        with pq.ParquetFile(path) as file:
+            version = int((file.schema_arrow.metadata or {}).get(b"lcdata.results", b"0"))
+            if version not in {1, SCHEMA_VERSION}:
+                age = "a newer" if version > SCHEMA_VERSION else "another"
+                raise ReportError(
+                    f"{path} has results schema {version}, this lcdata reads {SCHEMA_VERSION}",
+                    f"it was written by {age} version: use that, or calibrate again",
+                )
+            yield file
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ReportError(
@@ -269,12 +290,21 @@ def read_run(path: Path) -> Results:
 
 def write_run(path: Path, trials: Iterable[TrialResult]) -> None:
     """Write one results file, atomically; its folder is made."""
-    import pyarrow as pa
-
     from lcdata.dataset.atomic import write_parquet
 
-    rows = [_to_row(trial) for trial in trials]
-    write_parquet(path, pa.Table.from_pylist(rows, schema=_schema()))
+    write_parquet(path, to_table(trials))
+
+
+def to_table(trials: Iterable[TrialResult]) -> pa.Table:
+    """Trials as they are stored."""
+    import pyarrow as pa
+
+    return pa.Table.from_pylist([_to_row(trial) for trial in trials], schema=_schema())
+
+
+def from_table(table: pa.Table) -> list[TrialResult]:
+    """Stored trials."""
+    return [_from_row(row) for row in table.to_pylist()]
 
 
 def _schema() -> pa.Schema:

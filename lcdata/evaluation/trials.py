@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import pickle
 import re
 import time
-from collections import deque
-from collections.abc import Callable, Container, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from lcdata.calibrators.base import Calibrator
 from lcdata.errors import CalibrationError
+from lcdata.evaluation.execution import Key, local_executor, outcomes, without
 from lcdata.evaluation.given import having_guess, started_at, starts_there
 from lcdata.evaluation.labels import by_label
-from lcdata.evaluation.pool import Crash, Executor, default_jobs, run_here, run_in_processes
+from lcdata.evaluation.pool import Executor
 from lcdata.evaluation.protocol import GivenGuesses, Protocol
 from lcdata.evaluation.results import (
     Guess,
@@ -29,7 +26,7 @@ from lcdata.evaluation.results import (
     results_path,
     write_run,
 )
-from lcdata.evaluation.worker import Begin, Task, failure, parameters, run_task
+from lcdata.evaluation.worker import Task, parameters
 
 if TYPE_CHECKING:
     from lcdata.dataset import Dataset
@@ -37,9 +34,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished trials and of all trials."""
-
-Key = tuple[str, tuple[str, ...], int]
-"""Label of the method, pairs, number of the trial."""
 
 SAVE_EVERY_S = 20.0
 """How much work a killed process may lose."""
@@ -106,19 +100,19 @@ def run_trials(
     if initial is not None:
         planned = started_at(initial, planned)
         results = {key: t for key, t in results.items() if starts_there(t, planned)}
-    tasks = _without(planned, results)
+    tasks = without(planned, results)
     total = sum(len(task.work) for task in planned)
     done = total - sum(len(task.work) for task in tasks)
     if executor is None:
-        executor = _local(calibrators, jobs, len(tasks))
+        executor = local_executor(calibrators, jobs, len(tasks))
     if progress:
         progress("calibrate", done, total)
 
     path = results_path(dataset, run)
     saved, count = time.monotonic(), len(results)
     try:
-        with closing(_outcomes(executor, tasks)) as outcomes:
-            for result in outcomes:
+        with closing(outcomes(executor, tasks)) as found:
+            for result in found:
                 results[result.key] = result
                 done += 1
                 if progress:
@@ -193,14 +187,6 @@ def _plan(
     for trial in stored:
         if trial.rebased and _holds(trial, protocol, versions):
             guesses.setdefault(trial.pair_ids, {})[trial.trial] = trial.guess
-    wanted = None if pair_ids is None else set(pair_ids)
-    chosen = [p for p in dataset.pairs if wanted is None or p.pair_id in wanted]
-    if missing := sorted((wanted or set()) - {p.pair_id for p in chosen}):
-        raise CalibrationError(f"no pair {missing[0]!r} in {dataset.path}", "see pairs.parquet")
-    groups: dict[str, list[PairRecord]] = {}
-    for pair in chosen:
-        name = pair.pair_id if protocol.group == "pair" else pair.pose_id
-        groups.setdefault(name, []).append(pair)
     return [
         Task(
             dataset=Path(dataset.path).resolve(),
@@ -212,63 +198,31 @@ def _plan(
             work=tuple((label, n) for label in calibrators for n in range(protocol.trials)),
             guesses=guesses.get(tuple(pair.pair_id for pair in pairs), {}),
         )
-        for pairs in groups.values()
+        for pairs in grouped(dataset, protocol.group, pair_ids)
     ]
 
 
-def _without(tasks: Iterable[Task], finished: Container[Key]) -> deque[Task]:
-    """Tasks with the work that is left."""
-    left: deque[Task] = deque()
-    for task in tasks:
-        work = tuple(
-            (label, trial)
-            for label, trial in task.work
-            if (label, task.pair_ids, trial) not in finished
-        )
-        if work:
-            left.append(dataclasses.replace(task, work=work))
-    return left
+def grouped(
+    dataset: Dataset, group: str, pair_ids: Sequence[str] | None = None
+) -> list[list[PairRecord]]:
+    """Pairs as they are solved: each alone, or all of a pose together.
 
+    Args:
+        dataset: The data set.
+        group: "pair" or "pose".
+        pair_ids: These pairs only.
 
-def _local(calibrators: dict[str, Calibrator], jobs: int | None, tasks: int) -> Executor:
-    """Executor with local processes, or in this process."""
-    if jobs == 0:
-        return run_here
-    try:
-        pickle.dumps(calibrators)
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise CalibrationError(
-            f"a method cannot be sent to another process ({error})",
-            "define its class in a module, or use jobs=0",
-        ) from error
-    count = default_jobs() if jobs is None else max(1, jobs)
-    return partial(run_in_processes, jobs=min(count, max(1, tasks)))
-
-
-def _outcomes(executor: Executor, tasks: deque[Task]) -> Generator[TrialResult, None, None]:
-    """Results as they come; a crash fails what was being done, the rest is tried again."""
-    finished: set[Key] = set()
-    with closing(executor(run_task, tasks)) as items:
-        for item in items:
-            results: list[TrialResult] = []
-            if isinstance(item, TrialResult):
-                results = [item]
-            elif isinstance(item, Crash):
-                task, last = item.task, item.last
-                lost, step = task.work, "starting"
-                if isinstance(last, Begin):
-                    lost, step = last.work, last.step
-                elif last is not None:
-                    lost = ()
-                results = [
-                    failure(task, label, trial, f"{item.reason} while {step}")
-                    for label, trial in lost
-                ]
-            for result in results:
-                finished.add(result.key)
-                yield result
-            if isinstance(item, Crash):
-                tasks.extendleft(_without([item.task], finished))
+    Raises:
+        CalibrationError: An unknown pair.
+    """
+    wanted = None if pair_ids is None else set(pair_ids)
+    chosen = [p for p in dataset.pairs if wanted is None or p.pair_id in wanted]
+    if missing := sorted((wanted or set()) - {p.pair_id for p in chosen}):
+        raise CalibrationError(f"no pair {missing[0]!r} in {dataset.path}", "see pairs.parquet")
+    groups: dict[str, list[PairRecord]] = {}
+    for pair in chosen:
+        groups.setdefault(pair.pair_id if group == "pair" else pair.pose_id, []).append(pair)
+    return list(groups.values())
 
 
 def _ordered(

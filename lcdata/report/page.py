@@ -8,14 +8,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from lcdata.evaluation.comparison import Comparison
 from lcdata.evaluation.metrics import ALL_SCENARIOS, Quartiles, Summary, is_explained
 from lcdata.evaluation.results import TrialResult
-from lcdata.evaluation.text import MISSING, not_ranked, number, verdicts
-from lcdata.report import words
+from lcdata.evaluation.text import MISSING, not_ranked, number, rate_interval_text
+from lcdata.report import compared, words
 from lcdata.report.gallery import PICTURES, Exhibit
 from lcdata.report.plots import DARK, LIGHT
+from lcdata.report.poses import pose_table
 from lcdata.report.style import STYLE
-from lcdata.report.tables import by_scenario, converged_text, error_text, percent
+from lcdata.report.tables import (
+    by_scenario,
+    converged_text,
+    error_text,
+    interval_text,
+    percent,
+)
 
 COLUMNS = (
     "Method",
@@ -38,16 +46,16 @@ class Section:
     Args:
         trials: Its trials.
         summaries: Their summaries.
-        plot_light: PNG of the box plots for a light page.
-        plot_dark: The same for a dark page.
+        comparisons: Their methods two by two.
+        plots: Pictures, HTML, each with its caption.
         exhibits: Trials with pictures, by method.
         version: Of the ground truth.
     """
 
     trials: Sequence[TrialResult]
     summaries: Sequence[Summary]
-    plot_light: bytes
-    plot_dark: bytes
+    comparisons: Sequence[Comparison]
+    plots: Sequence[str]
     exhibits: dict[str, list[Exhibit]]
     version: str
 
@@ -69,7 +77,7 @@ def page(
     description: str,
     sections: Sequence[Section],
     notice: str,
-    budget: str = "",
+    after: str = "",
 ) -> str:
     """The page.
 
@@ -79,7 +87,7 @@ def page(
         description: What the data set is.
         sections: One a run, the most telling first.
         notice: What a reader must know first, stale results say; empty for nothing.
-        budget: Section on the ground truth's own uncertainty, HTML.
+        after: Sections that follow those of the runs, HTML.
     """
     first = sections[0]
     notices = [notice, words.blunt_truth(_scenarios(first))]
@@ -102,12 +110,12 @@ def page(
 {warning}
 </header>
 {body}
-{budget}
+{after}
 <h2>How to read this</h2>
 <p>{escape(words.READING)}</p>
 <footer>Written by lcdata from the stored results. results.csv beside this page has every trial,
-table.md and table.tex the tables, groundtruth.csv (where it is known) what each pose's ground
-truth owes its uncertainty to.</footer>
+table.md and table.tex the tables, comparisons.csv the methods two by two, by_pose.csv each pose,
+groundtruth.csv (where it is known) what each pose's ground truth owes its uncertainty to.</footer>
 </main>
 </body>
 </html>
@@ -115,21 +123,16 @@ truth owes its uncertainty to.</footer>
 
 
 def _section(section: Section) -> str:
-    sentences = [s for rows in by_scenario(_scenarios(section)) for s in verdicts(rows)]
-    compared = (
-        f"<details{' open' if len(sentences) <= 6 else ''}><summary>Which method is better, as far "
-        f"as the ground truth can tell</summary>{_list(sentences)}</details>"
-        if sentences
-        else ""
-    )
+    plots = "".join(f'<figure class="plot">{plot}</figure>' for plot in section.plots)
     return f"""
 <section>
 <h2>{escape(words.run_title(section.trials))}</h2>
 <p class="note">{escape(words.protocol(section.trials, section.version))}</p>
 <div class="cards">{"".join(_card(section, row) for row in section.overall)}</div>
 {_table(section)}
-<figure class="plot">{_plot(section)}</figure>
-{compared}
+{plots}
+{compared.html(section.comparisons, lambda method: _dot(section, method))}
+{pose_table(section.trials, lambda method: _dot(section, method))}
 {_gallery(section)}
 {_failures(section)}
 </section>
@@ -176,8 +179,9 @@ def _table(section: Section) -> str:
     return (
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{''.join(groups)}</tbody></table></div>"
-        '<p class="note">Errors: median, and 25 % to 75 % in small. Bold: the smallest median of '
-        "the scenario, where it can be ranked. ≈ not ranked.</p>"
+        '<p class="note">Success: 95 % interval in small. Errors: median, its 95 % interval in '
+        "brackets, and 25 % to 75 % in small. Bold: better than every other method of the "
+        "scenario, by the paired comparison. ≈ not ranked.</p>"
     )
 
 
@@ -186,10 +190,11 @@ def _table_row(section: Section, row: Summary, rows: Sequence[Summary]) -> str:
     cells = [
         f"{_dot(section, row.method)}{escape(row.method)}",
         f"{row.trials}{failed}",
-        percent(row.success_rate),
+        f"{percent(row.success_rate)} "
+        f"<small>{rate_interval_text(row.success_interval).removesuffix(' %')}</small>",
         percent(row.explained_rate),
-        _error(row, rows, "rotation_deg", "°"),
-        _error(row, rows, "translation_m", " m"),
+        _error(section, row, rows, "rotation_deg", "°"),
+        _error(section, row, rows, "translation_m", " m"),
         number(row.sigma_distance, 1),
         converged_text(row),
         str(row.degenerate),
@@ -198,7 +203,9 @@ def _table_row(section: Section, row: Summary, rows: Sequence[Summary]) -> str:
     return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 
 
-def _error(row: Summary, rows: Sequence[Summary], quantity: str, unit: str) -> str:
+def _error(
+    section: Section, row: Summary, rows: Sequence[Summary], quantity: str, unit: str
+) -> str:
     q: Quartiles = getattr(row, quantity)
     if not math.isfinite(q.q1):
         return MISSING
@@ -207,19 +214,23 @@ def _error(row: Summary, rows: Sequence[Summary], quantity: str, unit: str) -> s
     if tied:
         why = f"not ranked against {words.listing(tied)}: the ground truth cannot tell them apart"
         middle = f'<abbr title="{escape(why)}">≈</abbr> {middle}'
-    elif len(rows) > 1 and q.median == min(getattr(other, quantity).median for other in rows):
+    elif _best(section, row, quantity) == len(rows) - 1 > 0:
         middle = f'<span class="best">{middle}</span>'
-    return f"{middle} <small>{error_text(q.q1)}–{error_text(q.q3)}</small>"
+    interval = interval_text(getattr(row, f"{quantity}_interval"))
+    return f"{middle} {interval} <small>{error_text(q.q1)}–{error_text(q.q3)}</small>"
 
 
-def _plot(section: Section) -> str:
-    alt = "Box plots of rotation and translation errors by scenario and method"
-    return (
-        picture(section.plot_light, section.plot_dark, alt)
-        + "<figcaption class=note>Each dot is a trial; boxes are quartiles, whiskers 1.5 times "
-        "their distance. The band is the ground truth's own uncertainty: methods whose medians "
-        "differ by less are not ranked, ≈.</figcaption>"
+def _best(section: Section, row: Summary, quantity: str) -> int:
+    """How many other methods of the scenario one is better than."""
+    return sum(
+        c.better == row.method and (c.scenario, c.quantity) == (row.scenario, quantity)
+        for c in section.comparisons
     )
+
+
+def captioned(light: bytes, dark: bytes, alt: str, caption: str) -> str:
+    """A plot and what it shows."""
+    return f'{picture(light, dark, alt)}<figcaption class="note">{escape(caption)}</figcaption>'
 
 
 def picture(light: bytes, dark: bytes, alt: str) -> str:

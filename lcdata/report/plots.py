@@ -105,17 +105,17 @@ def box_plots(trials: Sequence[TrialResult], theme: Theme) -> bytes:
     """
     from matplotlib.figure import Figure
 
-    scenarios, methods = _names(trials)
+    scenarios, methods = names(trials)
     columns = len(scenarios) * (len(methods) + 1)
     figure = Figure(figsize=(min(18.0, max(12.0, 3.0 + 0.75 * columns)), 4.4), dpi=150)
     figure.patch.set_facecolor(theme.background)
-    limits = [_limits(trials, quantity) for quantity in PANELS]
+    limits = [axis_limits(trials, quantity) for quantity in PANELS]
     log = any(top / bottom > LINEAR_SPAN for bottom, top in limits)
     for axes, quantity, ends in zip(figure.subplots(1, 2), PANELS, limits, strict=True):
         if log:
             axes.set_yscale("log")
             axes.set_ylim(ends[0] / 1.8, ends[1] * 1.3)
-            _label_ticks(axes)
+            label_ticks(axes, axes.yaxis)
         else:
             axes.set_ylim(0, ends[1] * 1.1)
         _panel(axes, trials, quantity, theme)
@@ -126,13 +126,13 @@ def box_plots(trials: Sequence[TrialResult], theme: Theme) -> bytes:
     return out.getvalue()
 
 
-def _names(trials: Sequence[TrialResult]) -> tuple[list[str], list[str]]:
+def names(trials: Sequence[TrialResult]) -> tuple[list[str], list[str]]:
     """Scenarios and methods in the order in which they are drawn."""
     return sorted({t.scenario for t in trials}), list(dict.fromkeys(t.method for t in trials))
 
 
 def _panel(axes: Axes, trials: Sequence[TrialResult], quantity: Quantity, theme: Theme) -> None:
-    scenarios, methods = _names(trials)
+    scenarios, methods = names(trials)
     summaries = metrics.summarise(trials)
     errors = np.array([getattr(t, quantity.error) for t in trials], float)
     starts = np.array([getattr(t, quantity.start) for t in trials], float)
@@ -167,7 +167,7 @@ def _panel(axes: Axes, trials: Sequence[TrialResult], quantity: Quantity, theme:
     axes.set_title(
         f"{quantity.label} ({quantity.unit})", loc="left", size=10.5, color=theme.ink, pad=14
     )
-    _plain_axes(axes, theme)
+    plain_axes(axes, theme)
 
 
 def _box(axes: Axes, errors: Array, position: float, width: float, *, colour: str) -> None:
@@ -190,7 +190,7 @@ def _box(axes: Axes, errors: Array, position: float, width: float, *, colour: st
     )
 
 
-def _limits(trials: Sequence[TrialResult], quantity: Quantity) -> tuple[float, float]:
+def axis_limits(trials: Sequence[TrialResult], quantity: Quantity) -> tuple[float, float]:
     """Smallest and largest value that an axis must show; both above zero."""
     errors = np.array([getattr(t, quantity.error) for t in trials], float)
     sigmas = np.array([getattr(t, quantity.sigma) for t in trials], float)
@@ -201,17 +201,18 @@ def _limits(trials: Sequence[TrialResult], quantity: Quantity) -> tuple[float, f
     return min([*low, quantity.limit]), max(values)
 
 
-def _label_ticks(axes: Axes) -> None:
-    """Plain numbers on a logarithmic axis, more of them on a short one."""
+def label_ticks(axes: Axes, axis: Any) -> None:
+    """Plain numbers on a logarithmic axis (one of the two of `axes`), more on a short one."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    low, high = axes.get_ylim()
-    axes.yaxis.set_major_locator(LogLocator(10, subs=(1.0,) if high / low > 500 else (1, 2, 5)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_xlim() if axis is axes.xaxis else axes.get_ylim()
+    axis.set_major_locator(LogLocator(10, subs=(1.0,) if high / low > 500 else (1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
-def _plain_axes(axes: Axes, theme: Theme) -> None:
+def plain_axes(axes: Axes, theme: Theme) -> None:
+    """No frame but the left side, the theme's colours."""
     axes.set_facecolor("none")
     for side in ("top", "right", "bottom"):
         axes.spines[side].set_visible(False)
@@ -293,7 +294,7 @@ def budget_bars(
         axes.set_xlim(-0.7, x[-1] + 0.7)
         title = f"{label}: share of the ground truth's variance (%)"
         axes.set_title(title, loc="left", size=10.5, color=theme.ink, pad=10)
-        _plain_axes(axes, theme)
+        plain_axes(axes, theme)
     figure.subplots_adjust(left=0.06, right=0.985, top=0.88, bottom=0.22, wspace=0.16)
     figure.legend(
         handles=[Patch(facecolor=theme.method(j), label=s) for j, s in enumerate(sources)],

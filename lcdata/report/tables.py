@@ -11,7 +11,8 @@ from itertools import groupby
 
 from lcdata.evaluation.metrics import Quartiles, Summary
 from lcdata.evaluation.results import Results
-from lcdata.evaluation.text import MISSING, not_ranked, number
+from lcdata.evaluation.statistics import Interval
+from lcdata.evaluation.text import MISSING, not_ranked, number, rate_interval_text
 from lcdata.geometry import se3
 
 POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
@@ -30,8 +31,10 @@ HEADER = (
 )
 NOTE = (
     "Success: below 0.5 deg and 0.1 m. Explained: not farther from the ground truth than 95 % of "
-    "exact estimates (3.55 of its standard deviations). Errors: median (25 %, 75 %); a trial "
-    "without an estimate (failed) counts as infinitely wrong. ~ not ranked: another method of the "
+    "exact estimates (3.55 of its standard deviations). Errors: median [95 % confidence interval] "
+    "(25 %, 75 %); a trial without an estimate (failed) counts as infinitely wrong. Intervals: "
+    "Wilson's of the success rate, bootstrap of the median (6 pairs or more); trials on the same "
+    "pair do not count as independent. ~ not ranked: another method of the "
     "scenario differs by less than the ground truth's own uncertainty, or that is unknown. Sigma "
     "distance: median error in standard deviations of the ground truth; an exact estimate has "
     "about 2.3. Converged: the method's own verdict; wrongly where the trial is neither a success "
@@ -46,14 +49,31 @@ def by_scenario(summaries: Iterable[Summary]) -> Iterator[list[Summary]]:
 
 
 def error_text(value: float) -> str:
-    """An error with three decimals; infinite where so many trials gave no estimate."""
-    return "∞" if math.isinf(value) else number(value, 3)
+    """An error or a difference with three decimals; infinite where there is no estimate."""
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return number(value, 3)
 
 
-def quartile_text(q: Quartiles) -> str:
-    """Median and quartiles; a dash where there is no estimate."""
+def quartile_text(q: Quartiles, interval: Interval) -> str:
+    """Median, its confidence interval and quartiles; a dash where there is no estimate."""
+    if not math.isfinite(q.q1):
+        return MISSING
     low, middle, high = map(error_text, (q.q1, q.median, q.q3))
-    return f"{middle} ({low}, {high})" if math.isfinite(q.q1) else MISSING
+    return " ".join(filter(None, (middle, interval_text(interval), f"({low}, {high})")))
+
+
+def interval_text(interval: Interval) -> str:
+    """A confidence interval in brackets; empty where too few pairs give none."""
+    if math.isnan(interval.low):
+        return ""
+    return f"[{error_text(interval.low)}, {error_text(interval.high)}]"
+
+
+def rate_text(rate: float, interval: Interval) -> str:
+    """A rate with its confidence interval."""
+    inside = rate_interval_text(interval).removesuffix(" %").replace("–", ", ")
+    return f"{percent(rate)} [{inside}]" if inside else percent(rate)
 
 
 def percent(share: float) -> str:
@@ -74,10 +94,10 @@ def cells(row: Summary, rows: Sequence[Summary]) -> list[str]:
         row.scenario,
         row.method,
         trials_text(row),
-        percent(row.success_rate),
+        rate_text(row.success_rate, row.success_interval),
         percent(row.explained_rate),
-        rotation + quartile_text(row.rotation_deg),
-        translation + quartile_text(row.translation_m),
+        rotation + quartile_text(row.rotation_deg, row.rotation_deg_interval),
+        translation + quartile_text(row.translation_m, row.translation_m_interval),
         number(row.sigma_distance, 1),
         converged_text(row),
         str(row.degenerate),
@@ -102,24 +122,32 @@ def truth_text(row: Summary) -> str:
     return f"{row.groundtruth.rotation_deg:.2f} deg / {row.groundtruth.translation_m:.3f} m"
 
 
-def markdown(summaries: Sequence[Summary], titles: dict[str, str]) -> str:
+def markdown(summaries: Sequence[Summary], titles: dict[str, str], compared: dict[str, str]) -> str:
     """table.md: one table a run.
 
     Args:
         summaries: Rows.
         titles: Title of each run.
+        compared: What follows on the comparison of methods, by run.
     """
     parts = []
     for run, rows in groupby(summaries, key=lambda s: s.run):
         of_run = list(rows)
-        lines = [list(HEADER), ["---"] * 2 + ["---:"] * (len(HEADER) - 2)]
-        lines += [cells(row, group) for group in by_scenario(of_run) for row in group]
-        table = "\n".join(f"| {' | '.join(_pipe(cell) for cell in line)} |" for line in lines)
+        table = markdown_table(
+            HEADER, [cells(row, group) for group in by_scenario(of_run) for row in group]
+        )
         truth = "; ".join(f"{g[0].scenario} {truth_text(g[0])}" for g in by_scenario(of_run))
         parts.append(
             f"## {titles[run]}\n\n{table}\n\nGround truth's own uncertainty (1 sigma): {truth}.\n"
+            + compared.get(run, "")
         )
     return "\n".join([*parts, NOTE, ""])
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table whose first two columns are words."""
+    lines = [list(header), ["---"] * 2 + ["---:"] * (len(header) - 2), *rows]
+    return "\n".join(f"| {' | '.join(_pipe(cell) for cell in line)} |" for line in lines)
 
 
 def latex(summaries: Sequence[Summary]) -> str:
@@ -130,13 +158,18 @@ def latex(summaries: Sequence[Summary]) -> str:
             "\n".join(f"{' & '.join(tex(c) for c in cells(row, group))} \\\\" for row in group)
             for group in by_scenario(list(rows))
         ]
-        body = "\n\\midrule\n".join(groups)
-        parts.append(
-            f"% run {run}\n\\begin{{tabular}}{{ll{'r' * (len(HEADER) - 2)}}}\n\\toprule\n"
-            f"{' & '.join(tex(h) for h in HEADER)} \\\\\n\\midrule\n{body}\n"
-            "\\bottomrule\n\\end{tabular}"
-        )
+        parts.append(f"% run {run}\n{latex_table(HEADER, groups)}")
     return "\n\n".join(parts) + "\n"
+
+
+def latex_table(header: Sequence[str], groups: Sequence[str]) -> str:
+    """A booktabs table whose first two columns are words, groups of lines set apart."""
+    body = "\n\\midrule\n".join(groups)
+    return (
+        f"\\begin{{tabular}}{{ll{'r' * (len(header) - 2)}}}\n\\toprule\n"
+        f"{' & '.join(tex(h) for h in header)} \\\\\n\\midrule\n{body}\n"
+        "\\bottomrule\n\\end{tabular}"
+    )
 
 
 def trials_csv(results: Results) -> str:
@@ -178,6 +211,8 @@ def tex(text: str) -> str:
         ("&", "\\&"),
         ("#", "\\#"),
         ("~", "$\\approx$"),
+        ("<", "$<$"),
+        ("-∞", "$-\\infty$"),
         ("∞", "$\\infty$"),
         (MISSING, "--"),
     ):

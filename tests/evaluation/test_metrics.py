@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from lcdata.evaluation import metrics
+from lcdata.evaluation.comparison import compare
 from lcdata.evaluation.results import TrialResult
 from lcdata.evaluation.text import not_ranked, verdicts
 from lcdata.geometry import se3
@@ -136,25 +137,27 @@ def test_summary_counts() -> None:
 
 
 def test_methods_closer_than_the_ground_truth_are_not_ranked() -> None:
-    rows = metrics.summarise(
-        [trial("a", 0.10, 0.020), trial("b", 0.25, 0.045), trial("c", math.nan, math.nan)]
-    )
-    a, b, c = rows
+    trials = [trial("a", 0.10, 0.020), trial("b", 0.25, 0.045), trial("c", math.nan, math.nan)]
+    rows = metrics.summarise(trials)
+    a, _, c = rows
     assert not_ranked(a, rows, "rotation_deg") == ["b"]
     assert not_ranked(a, rows, "translation_m") == []
     assert not_ranked(c, rows, "rotation_deg") == []
-    text = verdicts([a, b])
+    text = verdicts(compare(trials[:2]))
     assert "not ranked" in text[0] and "0.150 deg" in text[0] and "0.200 deg" in text[0]
     assert "a has the smaller median by 0.025 m" in text[1]
-    assert "a has the smaller median (the other fails)" in verdicts([a, c])[0]
+    assert (
+        "a has the smaller median (the other fails)" in verdicts(compare([trials[0], trials[2]]))[0]
+    )
 
 
 def test_nothing_is_ranked_without_a_known_uncertainty() -> None:
     unknown = {"groundtruth_rotation_sigma_deg": math.nan, "sigma_distance": math.nan}
-    rows = metrics.summarise([trial("a", 0.1, 0.02, **unknown), trial("b", 9.0, 0.02, **unknown)])
+    trials = [trial("a", 0.1, 0.02, **unknown), trial("b", 9.0, 0.02, **unknown)]
+    rows = metrics.summarise(trials)
     assert not_ranked(rows[0], rows, "rotation_deg") == ["b"]
     assert math.isnan(rows[0].sigma_distance)
-    assert "no known uncertainty" in verdicts(rows)[0]
+    assert "no known uncertainty" in verdicts(compare(trials))[0]
 
 
 def test_runs_are_not_mixed() -> None:

@@ -78,13 +78,16 @@ def test_all_files_are_there(page: Reader, calibrated: Dataset) -> None:
         "results.csv",
         "table.md",
         "table.tex",
+        "comparisons.csv",
+        "by_pose.csv",
         "errors-5deg-0.5m-seed0.png",
+        "ecdf-5deg-0.5m-seed0.png",
     }
 
 
 def test_page_needs_nothing_but_itself(page: Reader) -> None:
-    # plot in two themes; 3 methods x 3 trials x 3 pictures; two failed trials have no estimate
-    assert len(list(images(page))) == 2 + 3 * 3 * 3 - 2
+    # two plots in two themes; 3 methods x 3 trials x 3 pictures; two failed trials have no estimate
+    assert len(list(images(page))) == 2 * 2 + 3 * 3 * 3 - 2
     assert "http" not in page.text
 
 
@@ -109,7 +112,7 @@ def test_page_says_what_one_must_know(page: Reader, calibrated: Dataset) -> None
 
 def test_tables_against_the_parquet_file(page: Reader, calibrated: Dataset) -> None:
     rows = pq.read_table(next((calibrated.path / "results").glob("*.parquet"))).to_pylist()
-    markdown = (calibrated.path / "report/table.md").read_text()
+    markdown, _, _ = (calibrated.path / "report/table.md").read_text().partition("### Paired")
     lines = [line.strip("| ").split(" | ") for line in markdown.splitlines() if line[:1] == "|"]
     header, table = lines[0], lines[2:]
     assert len(table) == 3 * 3
@@ -127,7 +130,10 @@ def test_tables_against_the_parquet_file(page: Reader, calibrated: Dataset) -> N
         assert row["Trials"].split()[0] == str(len(mine))
         assert ("failed" in row["Trials"]) == (row["Method"] == "habit")
         good = [r for r in mine if r["rotation_error_deg"] < 0.5 and r["translation_error_m"] < 0.1]
-        assert row["Success"] == f"{100 * len(good) / len(mine):.0f} %"
+        rate, interval = row["Success"].split(" [")
+        assert rate == f"{100 * len(good) / len(mine):.0f} %"
+        low, high = map(int, interval.strip("]").split(", "))
+        assert low <= 100 * len(good) / len(mine) <= high and high - low > 20
         explained = [r for r in mine if r["sigma_distance"] < 3.55]
         assert row["Explained"] == percent(len(explained) / len(mine))
     with (calibrated.path / "report/results.csv").open() as file:
@@ -138,10 +144,48 @@ def test_tables_against_the_parquet_file(page: Reader, calibrated: Dataset) -> N
         assert float(trial["rotation_error_deg"]) == pytest.approx(
             stored["rotation_error_deg"], nan_ok=True
         )
-    latex = (calibrated.path / "report/table.tex").read_text()
+    latex, _, paired = (calibrated.path / "report/table.tex").read_text().partition(", paired")
+    assert paired.count("\\toprule") == 1 and "< 0" not in paired
     body = [line for line in latex.splitlines() if line.endswith("\\\\")]
     assert {line.count("&") for line in body} == {len(header) - 1} and len(body) == 10
     assert not re.search(r"(?<!\\)[%_](?!.*usepackage)", "".join(body))
+
+
+def test_methods_are_compared_pair_by_pair(page: Reader, calibrated: Dataset) -> None:
+    """8 pairs: blobs is better than biased, by more than the truth's uncertainty; by p < 0.05."""
+    folder = calibrated.path / "report"
+    with (folder / "comparisons.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 * 3 * 2  # 2 scenarios and all; 3 pairs of methods; 2 errors
+    whole = {(r["first"], r["second"], r["quantity"]): r for r in rows if r["scenario"] == "all"}
+    row = whole["blobs", "biased", "translation_m"]
+    assert row["better"] == "blobs" and float(row["p_corrected"]) < 0.05
+    assert (row["trials"], row["units"], row["first_smaller"]) == ("16", "8", "16")
+    assert float(row["difference_high"]) < -0.03 < float(row["sigma"])
+    assert float(row["p"]) == pytest.approx(2 / 2**8)  # all 8 signs alike
+    assert whole["blobs", "biased", "rotation_deg"]["better"] == ""
+    row = whole["blobs", "habit", "translation_m"]
+    assert row["better"] == "" and row["second_failed"] == "8" and row["second_smaller"] == "0"
+    small = next(r for r in rows if r["scenario"] == "hall" and r["quantity"] == "translation_m")
+    assert small["difference_low"] == "nan" and small["better"] == ""
+    assert "4 pairs or groups are too few to rank it above biased" in page.text
+    _, _, markdown = (folder / "table.md").read_text().partition("### Paired comparison")
+    assert markdown.count("blobs – biased") == 6 and "| 16 / 0 / 0 |" in markdown
+    assert page.text.count("Paired comparison") == 1 + 1  # heading and note
+
+
+def test_every_pose_has_a_line(page: Reader, calibrated: Dataset) -> None:
+    with (calibrated.path / "report/by_pose.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["pose_id"], r["method"]) for r in rows] == [
+        (pose.pose_id, method)
+        for pose in calibrated.poses
+        for method in ("blobs", "biased", "habit")
+    ]
+    habits = [r for r in rows if r["method"] == "habit"]
+    assert all((r["trials"], r["failed"], r["successes"]) == ("4", "2", "2") for r in habits)
+    assert all(r["rotation_deg_median"] == "inf" for r in habits)
+    assert "Pose by pose" in page.text and "∞° ∞ m 2/4" in page.text
 
 
 def test_static_reference_says_that_no_uncertainty_is_known(tmp_path: Path) -> None:
@@ -171,11 +215,13 @@ def test_names_are_escaped_and_runs_kept_apart(tmp_path: Path) -> None:
     assert "<script>" not in path.read_text() and "<script>" in page.text
     assert page.text.index("From 5° and 0.5 m") < page.text.index("From 1° and 0.1 m")
     assert len(list(path.parent.glob("errors-*.png"))) == 2
+    assert (path.parent / "start.png").is_file() and "How far off a guess may be" in page.text
     markdown = (path.parent / "table.md").read_text()
     assert "a\\|b" in markdown and markdown.count("## From") == 2
     (dataset.path / "results/1deg-0.1m-seed0.parquet").unlink()
     write_report(dataset)
     assert len(list(path.parent.glob("errors-*.png"))) == 1
+    assert not (path.parent / "start.png").exists()
 
 
 def test_stale_results_are_never_mixed(tmp_path: Path) -> None:
