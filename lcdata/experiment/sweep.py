@@ -24,7 +24,7 @@ def swept(method: str, parameters: Mapping[str, Any], label: str = "") -> dict[s
         label: What tables call it; by default its name. Swept values follow in parentheses.
 
     Returns:
-        Methods by label: `nid(bins=8)`, `nid(bins=16)`.
+        Methods by label: `nid(rounds=2)`, `nid(rounds=4)`.
 
     Raises:
         CalibrationError: An unknown method or parameter, or a value that is none.
