@@ -217,7 +217,8 @@ def _error(
     elif _best(section, row, quantity) == len(rows) - 1 > 0:
         middle = f'<span class="best">{middle}</span>'
     interval = interval_text(getattr(row, f"{quantity}_interval"))
-    return f"{middle} {interval} <small>{error_text(q.q1)}–{error_text(q.q3)}</small>"
+    small = [part for part in (interval, f"{error_text(q.q1)}–{error_text(q.q3)}") if part]
+    return "".join([middle, *(f"<br><small>{part}</small>" for part in small)])
 
 
 def _best(section: Section, row: Summary, quantity: str) -> int:

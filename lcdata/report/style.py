@@ -51,7 +51,7 @@ table { border-collapse: collapse; width: 100%; font-size: 14.5px;
 th { text-align: right; font-weight: 560; color: var(--muted); font-size: 13px;
   padding: 6px 10px; vertical-align: bottom; border-bottom: 1px solid var(--line);
   white-space: nowrap; }
-td { text-align: right; padding: 7px 10px; white-space: nowrap; }
+td { text-align: right; padding: 7px 10px; white-space: nowrap; vertical-align: top; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 tr.scenario td { padding-top: 20px; font-weight: 620; border-bottom: 1px solid var(--line);
   text-align: left; }
