@@ -33,6 +33,7 @@ FLOORS = {
     "handeye": 3,
     "evaluation": 4,
     "report": 5,
+    "experiment": 5.5,
     "pick": 5,
     "review": 5,
     "reproduce": 5,

@@ -145,18 +145,14 @@ class CalibAnything(Calibrator):
             good = np.isfinite(points).all(axis=1)
             good &= np.abs(points).sum(axis=1) > NEAREST_M
             good &= np.abs(points).max(axis=1, initial=0.0) < 1e4
-        if not good.any():
-            raise CalibrationError(
-                f"{_name(pair)}: none of {len(points)} points is finite and near",
-                "give a cloud in metres",
-            )
         light, note = None, "no intensity: normals and classes only"
         if pair.intensity is not None:
             with np.errstate(over="ignore"):
                 light = np.asarray(pair.intensity, np.float32)
             known = good & np.isfinite(light)
             # Intensities that are missing here and there cost their points, not the attribute.
-            if known.sum() >= 0.5 * good.sum() and np.ptp(light[known], axis=None) > 0:
+            enough = known.any() and known.sum() >= 0.5 * good.sum()
+            if enough and np.ptp(light[known], axis=None) > 0:
                 light, good, note = light[known], known, ""
             else:
                 light, note = None, "intensity tells nothing: normals and classes only"

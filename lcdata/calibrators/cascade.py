@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
+from lcdata.calibrators.base import Calibration, Calibrator
 from lcdata.calibrators.evidence import Finding, agreeing, distance, fused
 from lcdata.calibrators.polish import Polished, confirm, polish
 from lcdata.calibrators.registry import create
@@ -108,9 +108,9 @@ class Cascade(Calibrator):
             steps.append(f"{both[0].by} and {both[1].by} agree")
         trusted = first is not None
         candidates = [first] if first else [f for f in findings if f.usable]
+        if not trusted:  # a guess that is near may be better than what a wide search ends at
+            candidates.append(Finding("initial guess", _untouched(T_initial)))
         polished = [(f, self._polished(pairs, ready, f)) for f in candidates]
-        if not polished:
-            return _failure(T_initial, steps, started)
         best, confirmed = max(polished, key=lambda item: _contrast(item[1]))
         result, accepted, words = self._concluded(best, confirmed)
         steps.append(words)
@@ -191,44 +191,37 @@ class Cascade(Calibrator):
         told = f"contrast {confirmed.contrast:.1f}"
         if confirmed.contrast < MIN_CONTRAST:
             return result, False, f"intensities and edges do not confirm it ({told})"
-        if confirmed.covariance is None:
-            return result, False, f"intensities and edges leave a direction open ({told})"
         if finding.by in SAME_DATA:
-            return result, True, f"confirmed by intensities and edges ({told})"
-        apart = distance(
-            result.T_camera_lidar, result.covariance, confirmed.T, confirmed.covariance
-        )
-        if apart > FARTHEST:
-            return result, False, f"intensities and edges disagree by {apart:.1f} sigma ({told})"
-        if not finding.trusted or math.isnan(apart):
-            T, covariance = confirmed.T, confirmed.covariance
-            words = f"refined by intensities and edges ({told})"
-        else:
-            T, covariance = fused(
-                result.T_camera_lidar, result.covariance, confirmed.T, confirmed.covariance
-            )
-            words = f"averaged with intensities and edges ({told}, {apart:.1f} sigma apart)"
+            words = f"{finding.by} confirmed by intensities and edges ({told})"
+            return result, confirmed.covariance is not None, words
         refined = dataclasses.replace(
             result,
-            T_camera_lidar=T,
-            covariance=covariance,
+            T_camera_lidar=confirmed.T,
+            covariance=_known(confirmed.covariance),
             cost_initial=confirmed.cost_before,
             cost_final=confirmed.cost,
         )
-        return refined, True, words
+        if not finding.trusted:
+            words = f"{finding.by} refined by intensities and edges ({told})"
+            return refined, confirmed.covariance is not None, words
+        apart = distance(result.T_camera_lidar, result.covariance, confirmed.T, refined.covariance)
+        if not apart <= FARTHEST:
+            return result, False, f"intensities and edges are {apart:.1f} sigma away ({told})"
+        T, covariance = fused(
+            result.T_camera_lidar, result.covariance, confirmed.T, refined.covariance
+        )
+        words = f"averaged with intensities and edges ({told}, {apart:.1f} sigma apart)"
+        return dataclasses.replace(refined, T_camera_lidar=T, covariance=covariance), True, words
+
+
+def _known(covariance: Array | None) -> Array:
+    return np.full((6, 6), np.nan) if covariance is None else covariance
 
 
 def _contrast(polished: Polished | None) -> float:
     return -math.inf if polished is None else polished.contrast
 
 
-def _failure(T_initial: Array, steps: Sequence[str], started: float) -> Calibration:
-    return Calibration(
-        T_initial,
-        converged=False,
-        degenerate=True,
-        covariance=np.full((6, 6), np.nan),
-        seconds=time.perf_counter() - started,
-        message="; ".join(steps),
-        matches=LineMatches.empty(),
-    )
+def _untouched(T_initial: Array) -> Calibration:
+    """The initial guess as if it had been found."""
+    return Calibration(T_initial, False, True, np.full((6, 6), np.nan), 0.0)

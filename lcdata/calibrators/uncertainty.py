@@ -19,8 +19,9 @@ def too_uncertain(
     Returns:
         One sentence where it is, or is not known; none where it is small enough.
     """
-    with np.errstate(invalid="ignore"):
-        sigma = np.sqrt(np.diag(covariance))
+    if not np.isfinite(covariance).all():
+        return ["no predicted standard deviation"]
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     metres, degrees = np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
     if metres <= max_translation_m and degrees <= max_rotation_deg:
         return []

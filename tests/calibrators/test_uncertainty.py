@@ -13,4 +13,4 @@ def test_norms_of_the_deviations_are_held_to_their_limits():
 
 
 def test_what_is_not_known_is_too_uncertain():
-    assert too_uncertain(np.full((6, 6), np.nan), 1.0, 1.0)
+    assert too_uncertain(np.full((6, 6), np.nan), 1.0, 1.0) == ["no predicted standard deviation"]
