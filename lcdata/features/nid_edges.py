@@ -192,7 +192,7 @@ def without_clutter(distance: Floats, truncation: float, focal: float) -> Floats
     import cv2
 
     box = max(3, round(CLUTTER * focal))
-    cut = np.minimum(distance / truncation, np.float32(1.0))
+    cut = np.minimum(distance, np.float32(truncation)) / np.float32(truncation)
     return np.asarray(cut - cv2.blur(cut, (box, box), borderType=cv2.BORDER_REFLECT))
 
 

@@ -41,7 +41,7 @@ def hostile(pair):
 
 @pytest.fixture(scope="module")
 def pairs():
-    return hostile(render_pair("yard", seed=41, columns=512, width=480, height=270))
+    return hostile(render_pair("yard", seed=41, columns=512, width=320, height=180))
 
 
 def test_no_method_is_forgotten():

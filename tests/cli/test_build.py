@@ -103,8 +103,8 @@ def test_the_main_job_on_one_recording_makes_everything(lcdata, sample_recording
     assert (out / "review.rrd").stat().st_size > 10_000
     (results,) = (out / "results").glob("*.parquet")
     rows = pq.read_table(results).to_pylist()
-    assert len(rows) == 10
-    assert {row["method"] for row in rows} == {"projection", "plk"}
+    assert len(rows) == 15  # three methods
+    assert {row["method"] for row in rows} == {"projection", "plk", "cascade"}
     assert all(np.isfinite(row["T_camera_lidar_estimated"]).all() for row in rows)
     again = lcdata("build", sample_recordings / "yard", "-o", out, "--pairs-per-pose", 1, "--json")
     assert again.returncode == 0, again.stderr
