@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.features.held import NOTHING, ROTATION, TRANSLATION, free_directions, stepped
 from lcdata.geometry import pluecker, se3
 from lcdata.geometry.se3 import exp, skew
 
@@ -69,15 +70,18 @@ class Solution:
 Solver = Callable[[Problem, Array], Solution]
 
 
-def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+def solve_projection(
+    problem: Problem, T_initial: Array, iterations: int = 20, hold: str = NOTHING
+) -> Solution:
     """Method I: Levenberg-Marquardt on the residuals of eq. (4).
 
     Args:
         problem: Three lines or more.
         T_initial: 4x4.
         iterations: At most so many steps.
+        hold: What stays as it is in `T_initial`, see `held.HOLDS`.
     """
-    return _minimise(projection_system(problem, T_initial), T_initial, iterations)
+    return _minimise(projection_system(problem, T_initial), T_initial, iterations, hold)
 
 
 def projection_system(problem: Problem, T_near: Array) -> Callable[[Array], tuple[Array, Array]]:
@@ -106,7 +110,9 @@ def projection_system(problem: Problem, T_near: Array) -> Callable[[Array], tupl
     return evaluate
 
 
-def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+def solve_decoupled(
+    problem: Problem, T_initial: Array, iterations: int = 20, hold: str = NOTHING
+) -> Solution:
     """Method II as published: rotation from (11), then translation by linear least squares.
 
     Each residual is divided by its standard deviation; see `_Constraints`. Only the robust weight
@@ -114,18 +120,23 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
 
     Args:
         problem: Three lines or more.
-        T_initial: 4x4; only its rotation and the robust weights at it matter.
+        T_initial: 4x4; only its rotation and the robust weights at it matter, and what is held.
         iterations: At most so many alternations.
+        hold: What stays as it is in `T_initial`, see `held.HOLDS`; the other step alone is done.
     """
     system = _Constraints(problem, T_initial)
     T = np.array(T_initial, float)
     for _ in range(iterations):
         r, J, t, _ = system.evaluate(T)
         weights, _ = _cauchy(0.5 * (r * r + t * t))
-        theta = -np.linalg.lstsq(J * weights[:, None] ** 0.5, r * weights**0.5, rcond=1e-12)[0]
+        root = weights[:, None] ** 0.5
+        theta, p = np.zeros(3), T[:3, 3].copy()
+        if hold != ROTATION:
+            theta = -np.linalg.lstsq(J * root, r * root[:, 0], rcond=1e-12)[0]
         R = exp(np.concatenate([np.zeros(3), theta]))[:3, :3] @ T[:3, :3]
-        b = np.einsum("nc,nc->n", system.A, system.middle @ R.T)
-        p = -np.linalg.lstsq(system.A * weights[:, None] ** 0.5, b * weights**0.5, rcond=1e-12)[0]
+        if hold != TRANSLATION:
+            b = np.einsum("nc,nc->n", system.A, system.middle @ R.T)
+            p = -np.linalg.lstsq(system.A * root, b * root[:, 0], rcond=1e-12)[0]
         moved = float(np.abs(theta).max()) + 0.1 * float(np.abs(p - T[:3, 3]).max())
         T[:3, :3], T[:3, 3] = R, p
         if moved < 1e-8:
@@ -134,11 +145,15 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
     r, J, t, B = system.evaluate(T)
     weights, cost = _cauchy(0.5 * (r * r + t * t))
     W = weights[:, None]
-    cov_theta = _invert((J * W).T @ J, _variance(r[:, None], weights, 3))
+    cov_theta, cov_p = np.zeros((3, 3)), np.zeros((3, 3))
+    if hold != ROTATION:
+        cov_theta = _invert((J * W).T @ J, _variance(r[:, None], weights, 3))
     # The mean and the difference of a line's two end-point errors are independent.
     H = (system.A * W).T @ system.A
-    cov_p = _invert(H, _variance(t[:, None], weights, 3))
-    G = -np.linalg.lstsq(H, (system.A * W).T @ B, rcond=1e-15)[0] + skew(T[:3, 3])
+    G = skew(T[:3, 3])
+    if hold != TRANSLATION:
+        cov_p = _invert(H, _variance(t[:, None], weights, 3))
+        G = G - np.linalg.lstsq(H, (system.A * W).T @ B, rcond=1e-15)[0]
     return Solution(
         T,
         np.block([[cov_p + G @ cov_theta @ G.T, G @ cov_theta], [cov_theta @ G.T, cov_theta]]),
@@ -147,7 +162,9 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
     )
 
 
-def solve_pluecker(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+def solve_pluecker(
+    problem: Problem, T_initial: Array, iterations: int = 20, hold: str = NOTHING
+) -> Solution:
     """Method II with both constraints in rotation *and* translation.
 
     The co-parallel constraint holds the rotation too, which the published order of steps does
@@ -158,6 +175,7 @@ def solve_pluecker(problem: Problem, T_initial: Array, iterations: int = 20) -> 
         problem: Three lines or more.
         T_initial: 4x4.
         iterations: At most so many steps.
+        hold: What stays as it is in `T_initial`, see `held.HOLDS`.
     """
     system = _Constraints(problem, T_initial)
 
@@ -167,7 +185,7 @@ def solve_pluecker(problem: Problem, T_initial: Array, iterations: int = 20) -> 
         by_theta = np.stack([J, B - system.A @ skew(T[:3, 3])], 1)
         return np.stack([r, t], 1), np.concatenate([by_rho, by_theta], 2)
 
-    return _minimise(evaluate, T_initial, iterations)
+    return _minimise(evaluate, T_initial, iterations, hold)
 
 
 class _Constraints:
@@ -261,7 +279,7 @@ def singular_ratios(problem: Problem, T: Array, weights: Array) -> tuple[float, 
 
 
 def _minimise(
-    evaluate: Callable[[Array], tuple[Array, Array]], T_initial: Array, iterations: int
+    evaluate: Callable[[Array], tuple[Array, Array]], T_initial: Array, iterations: int, hold: str
 ) -> Solution:
     """Levenberg-Marquardt with a Cauchy loss a line.
 
@@ -270,16 +288,19 @@ def _minimise(
             derivative by a left perturbation.
         T_initial: 4x4.
         iterations: At most so many steps.
+        hold: What stays as it is, see `held.HOLDS`.
     """
     T = np.array(T_initial, float)
+    free = free_directions(T, hold)
     r, J = evaluate(T)
+    J = J @ free
     weights, cost = _cauchy(0.5 * (r * r).sum(1))
     damping = 1e-4
     for _ in range(iterations):
         H = np.einsum("nki,n,nkj->ij", J, weights, J)
         gradient = np.einsum("nki,n,nk->i", J, weights, r)
         step = -np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient, rcond=1e-15)[0]
-        T_next = exp(step) @ T
+        T_next = stepped(T, free @ step, hold)
         r_next, J_next = evaluate(T_next)
         weights_next, cost_next = _cauchy(0.5 * (r_next * r_next).sum(1))
         if cost_next > cost:
@@ -288,12 +309,13 @@ def _minimise(
                 break
             continue
         done = cost - cost_next < 1e-9 * cost
-        T, r, J, weights, cost = T_next, r_next, J_next, weights_next, cost_next
+        T, r, J, weights, cost = T_next, r_next, J_next @ free, weights_next, cost_next
         damping = max(damping * 0.1, 1e-9)
         if done:
             break
     H = np.einsum("nki,n,nkj->ij", J, weights, J)
-    return Solution(T, _invert(H, _variance(r, weights, 6)), weights, cost)
+    covariance = _invert(H, _variance(r, weights, free.shape[1]))
+    return Solution(T, free @ covariance @ free.T, weights, cost)
 
 
 def _cauchy(squared: Array) -> tuple[Array, float]:
