@@ -83,7 +83,7 @@ class LineCalibrator(Calibrator):
         seed: Seed of the search's random numbers.
     """
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     search_rotation_deg: float = 10.0
     search_translation_m: float = 0.7

@@ -63,7 +63,8 @@ class Stage:
 
 
 WIDEST = 2.0
-"""How far children may leave the box of the first stage, in its half-widths."""
+"""How far children may leave the box of the first stage, in half-widths of the usual one, or of
+its own where that is narrower."""
 
 COARSE = Stage(60.0, 1.0, 6)
 ROUNDS = (
@@ -177,10 +178,12 @@ def search(
     costs = objective(poses, COARSE)
     best = np.argsort(costs, kind="stable")[: options.keep]
     deltas, costs = deltas[best], costs[best]
-    for stage, size in _rounds(scale):
+    rounds = _rounds(scale)
+    widest = box + (WIDEST - 1.0) * np.where(free, rounds[-1][1], 0.0)
+    for stage, size in rounds:
         spread = np.where(free, stage.spread * size, 0.0)
         deltas = np.concatenate([deltas, _children(deltas, spread, options, rng)])
-        deltas = np.clip(deltas, -WIDEST * box, WIDEST * box)
+        deltas = np.clip(deltas, -widest, widest)
         costs = objective(displaced(T_initial, deltas), stage)
         best = _different(deltas / size, costs, options.keep, 0.3 * stage.spread)
         deltas, costs = deltas[best], costs[best]

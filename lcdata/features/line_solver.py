@@ -13,9 +13,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features.held import NOTHING, ROTATION, TRANSLATION, free_directions, stepped
+from lcdata.features.held import NOTHING, ROTATION, TRANSLATION
+from lcdata.features.line_least_squares import (
+    CAUCHY_SCALE,
+    Solution,
+    cauchy,
+    invert,
+    minimise,
+    unit_variance,
+)
 from lcdata.geometry import pluecker, se3
 from lcdata.geometry.se3 import exp, skew
+
+__all__ = [
+    "CAUCHY_SCALE",
+    "ROTATION_RATIO",
+    "TRANSLATION_RATIO",
+    "Problem",
+    "Solution",
+    "Solver",
+    "projection_system",
+    "singular_ratios",
+    "solve_decoupled",
+    "solve_pluecker",
+    "solve_projection",
+]
 
 Array = NDArray[np.float64]
 
@@ -24,12 +46,6 @@ ROTATION_RATIO = 0.02
 
 TRANSLATION_RATIO = 0.01
 """The same of the rows n', for translation."""
-
-CAUCHY_SCALE = 1.0
-"""Residual, in standard deviations, at which a line's weight has fallen to one half.
-
-Small, because good lines fit to a fraction of a pixel and every third is another edge beside
-the right one: a skirting board, a window's frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,23 +66,6 @@ class Problem:
     cloud_sigma: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """A pose and its fit.
-
-    Args:
-        T_camera_lidar: 4x4.
-        covariance: 6x6, left perturbation, metres and radians; infinite where undetermined.
-        weights: (N,) robust weight of each line, 0..1.
-        cost: Mean robust cost of a line, squared standard deviations.
-    """
-
-    T_camera_lidar: Array
-    covariance: Array
-    weights: Array
-    cost: float
-
-
 Solver = Callable[[Problem, Array], Solution]
 
 
@@ -81,7 +80,7 @@ def solve_projection(
         iterations: At most so many steps.
         hold: What stays as it is in `T_initial`, see `held.HOLDS`.
     """
-    return _minimise(projection_system(problem, T_initial), T_initial, iterations, hold)
+    return minimise(projection_system(problem, T_initial), T_initial, iterations, hold)
 
 
 def projection_system(problem: Problem, T_near: Array) -> Callable[[Array], tuple[Array, Array]]:
@@ -128,7 +127,7 @@ def solve_decoupled(
     T = np.array(T_initial, float)
     for _ in range(iterations):
         r, J, t, _ = system.evaluate(T)
-        weights, _ = _cauchy(0.5 * (r * r + t * t))
+        weights, _ = cauchy(0.5 * (r * r + t * t))
         root = weights[:, None] ** 0.5
         theta, p = np.zeros(3), T[:3, 3].copy()
         if hold != ROTATION:
@@ -143,16 +142,16 @@ def solve_decoupled(
             break
 
     r, J, t, B = system.evaluate(T)
-    weights, cost = _cauchy(0.5 * (r * r + t * t))
+    weights, cost = cauchy(0.5 * (r * r + t * t))
     W = weights[:, None]
     cov_theta, cov_p = np.zeros((3, 3)), np.zeros((3, 3))
     if hold != ROTATION:
-        cov_theta = _invert((J * W).T @ J, _variance(r[:, None], weights, 3))
+        cov_theta = invert((J * W).T @ J, unit_variance(r[:, None], weights, 3))
     # The mean and the difference of a line's two end-point errors are independent.
     H = (system.A * W).T @ system.A
     G = skew(T[:3, 3])
     if hold != TRANSLATION:
-        cov_p = _invert(H, _variance(t[:, None], weights, 3))
+        cov_p = invert(H, unit_variance(t[:, None], weights, 3))
         G = G - np.linalg.lstsq(H, (system.A * W).T @ B, rcond=1e-15)[0]
     return Solution(
         T,
@@ -185,7 +184,7 @@ def solve_pluecker(
         by_theta = np.stack([J, B - system.A @ skew(T[:3, 3])], 1)
         return np.stack([r, t], 1), np.concatenate([by_rho, by_theta], 2)
 
-    return _minimise(evaluate, T_initial, iterations, hold)
+    return minimise(evaluate, T_initial, iterations, hold)
 
 
 class _Constraints:
@@ -276,69 +275,3 @@ def singular_ratios(problem: Problem, T: Array, weights: Array) -> tuple[float, 
         values = np.linalg.svd(matrix, compute_uv=False)
         ratios.append(float(values[2] / values[0]) if len(values) > 2 and values[0] > 0 else 0.0)
     return ratios[0], ratios[1]
-
-
-def _minimise(
-    evaluate: Callable[[Array], tuple[Array, Array]], T_initial: Array, iterations: int, hold: str
-) -> Solution:
-    """Levenberg-Marquardt with a Cauchy loss a line.
-
-    Args:
-        evaluate: Gives at a pose (N, 2) residuals in standard deviations and their (N, 2, 6)
-            derivative by a left perturbation.
-        T_initial: 4x4.
-        iterations: At most so many steps.
-        hold: What stays as it is, see `held.HOLDS`.
-    """
-    T = np.array(T_initial, float)
-    free = free_directions(T, hold)
-    r, J = evaluate(T)
-    J = J @ free
-    weights, cost = _cauchy(0.5 * (r * r).sum(1))
-    damping = 1e-4
-    for _ in range(iterations):
-        H = np.einsum("nki,n,nkj->ij", J, weights, J)
-        gradient = np.einsum("nki,n,nk->i", J, weights, r)
-        step = -np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient, rcond=1e-15)[0]
-        T_next = stepped(T, free @ step, hold)
-        r_next, J_next = evaluate(T_next)
-        weights_next, cost_next = _cauchy(0.5 * (r_next * r_next).sum(1))
-        if cost_next > cost:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-            continue
-        done = cost - cost_next < 1e-9 * cost
-        T, r, J, weights, cost = T_next, r_next, J_next @ free, weights_next, cost_next
-        damping = max(damping * 0.1, 1e-9)
-        if done:
-            break
-    H = np.einsum("nki,n,nkj->ij", J, weights, J)
-    covariance = _invert(H, _variance(r, weights, free.shape[1]))
-    return Solution(T, free @ covariance @ free.T, weights, cost)
-
-
-def _cauchy(squared: Array) -> tuple[Array, float]:
-    """Weights and mean cost of squared residuals in standard deviations."""
-    scaled = squared / CAUCHY_SCALE**2
-    return 1.0 / (1.0 + scaled), float(CAUCHY_SCALE**2 * np.log1p(scaled).mean())
-
-
-def _variance(residuals: Array, weights: Array, unknowns: int) -> float:
-    """Variance of unit weight from the scatter of the residuals, at least 1.
-
-    The expected noise is the floor: a few lines that happen to fit well prove nothing.
-    """
-    freedom = residuals.shape[1] * weights.sum() - unknowns
-    if freedom < 1.0:
-        return 1.0
-    return max(1.0, float((weights[:, None] * residuals**2).sum() / freedom))
-
-
-def _invert(H: Array, variance: float) -> Array:
-    """Covariance of an information matrix; infinite variances where it is singular."""
-    diagonal = np.diag(H)
-    scale = np.sqrt(np.maximum(diagonal, 1e-12 * diagonal.max(initial=1e-12)))
-    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
-    values = np.maximum(values, 1e-14)
-    return np.asarray(variance * ((vectors / values) @ vectors.T) / np.outer(scale, scale))
