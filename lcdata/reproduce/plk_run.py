@@ -9,6 +9,7 @@ from lcdata.evaluation.results import TrialResult
 from lcdata.evaluation.statistics import UNKNOWN
 from lcdata.report.poses import by_pose
 from lcdata.report.tables import converged_text, quartile_text, rate_text, trials_text
+from lcdata.report.words import count, listing
 from lcdata.reproduce.experiment import Progress, Settings, Table
 from lcdata.reproduce.kept import run_parts
 from lcdata.reproduce.plk_pairs import PairName
@@ -40,7 +41,7 @@ def where(settings: Settings, pairs: Sequence[PairName]) -> str:
     """The data of a protocol, in words."""
     scenes = list(dict.fromkeys(pair.scenario for pair in pairs))
     poses = len({pair.pose_id for pair in pairs})
-    counts = f"{len(pairs)} pairs of {poses} arm poses in {', '.join(scenes)}"
+    counts = f"{count(len(pairs), 'pair')} of {count(poses, 'arm pose')} in {listing(scenes)}"
     if "data" in settings.options:
         return (
             f"Data set {settings.options['data']}: {counts}. Errors are against its ground truth, "
