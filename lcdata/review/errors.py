@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +70,7 @@ SCENARIO_COLOURS: tuple[colours.RGB, ...] = ((62, 80, 108), (92, 112, 142))
 def send_errors(
     recording: rr.RecordingStream,
     trials: Trials,
+    colour: Mapping[str, colours.RGB],
     pair_ids: Sequence[str],
     poses: Sequence[PoseRecord],
     time: Callable[[Sequence[int]], list[Any]],
@@ -79,6 +80,7 @@ def send_errors(
     Args:
         recording: Where to send them.
         trials: What to show.
+        colour: Of each method.
         pair_ids: Names of the pairs in the order of the timeline.
         poses: The pose of each pair.
         time: Makes the time columns of some of the pairs, by their numbers.
@@ -86,11 +88,10 @@ def send_errors(
     Returns:
         Upper end of a sensible axis for each measure that has values, by its name.
     """
-    colour = colours.of_sources(trials.methods)
     everywhere = range(len(pair_ids))
     tops = {}
     for measure in MEASURES:
-        folder = f"{names.ERRORS}/{measure.name}"
+        folder = names.ERRORS, measure.name
         seen = []
         for method in trials.methods:
             rows, values = [], []
@@ -101,21 +102,23 @@ def send_errors(
                     rows.append(i)
                     values.append(value)
             if rows:
-                _send_series(recording, f"{folder}/{method}", time(rows), values)
-                _style(recording, f"{folder}/{method}", method, colour[method])
+                path = names.series(*folder, method)
+                send_series(recording, path, time(rows), values)
+                style_series(recording, path, method, colour[method])
             seen += values
         if not seen:
             continue
         tops[measure.name] = axis_top(seen, measure.limit)
         limit = [measure.limit] * len(pair_ids)
-        _send_series(recording, f"{folder}/{names.LIMIT}", time(everywhere), limit)
-        _style(recording, f"{folder}/{names.LIMIT}", "limit", colours.RED, marked=False)
+        path = names.series(*folder, names.LIMIT)
+        send_series(recording, path, time(everywhere), limit)
+        style_series(recording, path, "limit", colours.RED, marked=False)
         if measure.of_truth:
             sigma = [measure.of_truth(pose) for pose in poses]
             if np.isfinite(sigma).all():
-                path = f"{folder}/{names.GROUND_TRUTH}"
-                _send_series(recording, path, time(everywhere), sigma)
-                _style(recording, path, "ground truth's own", colours.GREEN, marked=False)
+                path = names.series(*folder, names.GROUND_TRUTH)
+                send_series(recording, path, time(everywhere), sigma)
+                style_series(recording, path, "ground truth's own", colours.GREEN, marked=False)
     return tops
 
 
@@ -130,17 +133,19 @@ def axis_top(values: Sequence[float], limit: float) -> float:
     return float(np.clip(high, 1.5 * limit, max(6 * limit, low)))
 
 
-def _send_series(
+def send_series(
     recording: rr.RecordingStream, path: str, indexes: list[Any], values: Sequence[float]
 ) -> None:
+    """Send a curve."""
     import rerun as rr
 
     recording.send_columns(path, indexes, rr.Scalars.columns(scalars=list(values)))
 
 
-def _style(
+def style_series(
     recording: rr.RecordingStream, path: str, name: str, colour: colours.RGB, marked: bool = True
 ) -> None:
+    """Name and colour of a curve; without marks it is a thin line."""
     import rerun as rr
 
     line = rr.SeriesLines(colors=[colour], widths=[2.0 if marked else 1.0], names=[name])
@@ -178,7 +183,7 @@ def send_outcomes(
         values=list(OUTCOME_COLOURS), colors=list(OUTCOME_COLOURS.values())
     )
     for method in trials.methods:
-        path = f"{names.OUTCOMES}/{method}"
+        path = f"{names.OUTCOMES}/{names.part(method)}"
         recording.log(path, style, static=True)
         shown = [trials.of_pair(record.pair_id).get(method) for record in records]
         send(path, [outcome(trial) if trial else "" for trial in shown])
