@@ -4,10 +4,10 @@
     python benchmarks/review.py --pairs 60 --keep /tmp/large
 
 A few pairs are simulated (OS1-128, 1280x720); the data set is filled, by the package's own
-writer, with copies of them that have noise of their own, and with results of two methods. It takes
-about 5 MB a pair on the disk and is deleted afterwards unless `--keep` names its folder, which is
-then used again. The review is written by a process of its own, so that its peak of memory is its own;
-processor time is that of all its threads.
+writer, with copies of them that have noise of their own, and with results of two methods. It
+takes about 5 MB a pair on the disk and is deleted afterwards unless `--keep` names its folder,
+which is then used again. The review is written by a process of its own, whose peak of memory is
+printed; processor time is that of all its threads.
 """
 
 from __future__ import annotations

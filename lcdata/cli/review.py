@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +23,7 @@ from lcdata.errors import ReportError
 
 if TYPE_CHECKING:
     from lcdata.dataset import Dataset
+    from lcdata.review.live import Options
 
 EXAMPLE = "lcdata review dataset --worst 20 --method plk"
 
@@ -33,6 +37,9 @@ def review(
         Path | None, typer.Option("--save", help="Write this .rrd file, open no viewer.")
     ] = None,
     serve: Annotated[bool, typer.Option("--serve", help="Show it in a browser.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Show trials as they are stored, until Ctrl-C.")
+    ] = False,
     worst: Annotated[
         int | None,
         typer.Option(
@@ -104,12 +111,17 @@ def review(
     of_pair = {"reach_m": reach_translation, "reach_deg": reach_rotation}
     given: dict[str, Any] = {name: value for name, value in of_pair.items() if value is not None}
     others = (run, compare, ground_truth, points, worst)
-    closely = len(selection.pairs) == 1 and all(o is None for o in others)
+    closely = len(selection.pairs) == 1 and not live and all(o is None for o in others)
     if given and not closely:
         raise ReportError(
             "--reach-translation and --reach-rotation are for one pair", "give one --pair alone"
         )
     opened = Dataset.open(dataset)
+    if live:
+        from lcdata.review.live import Options
+
+        _live(opened, Options(wanted, points, thin), save, serve, as_json)
+        return
     failures: tuple[str, ...] = ()
     with progress_bar(quiet=as_json) as progress:
         if closely:
@@ -160,3 +172,37 @@ def _one_pair(
         **given,
     )
     return path, {"landscape": figure, "review": path}
+
+
+def _live(
+    dataset: Dataset, options: Options, save: Path | None, serve: bool, as_json: bool
+) -> None:
+    """Follow until Ctrl-C, or the end of the viewer."""
+    from lcdata.review.live import follow
+    from lcdata.review.live_viewer import hosted, into_file
+
+    def tell(text: str) -> None:
+        typer.echo(f"lcdata: {text}", err=True)
+
+    name = dataset.path.resolve().name
+    where: Any
+    if save is not None and not serve:
+        where = nullcontext((into_file(name, save), lambda: False))
+    else:
+        where = hosted(name, save, in_browser=serve)
+    with ended_by_signal(), where as (recorder, ended), progress_bar(quiet=as_json) as progress:
+        trials = follow(dataset, options, recorder, ended=ended, tell=tell, progress=progress)
+    if as_json:
+        print_json({"review": save, "trials": trials})
+    elif save is not None:
+        print(save)
+
+
+@contextmanager
+def ended_by_signal() -> Iterator[None]:
+    """End by `kill` as by Ctrl-C: what was written so far is kept."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -40,8 +41,13 @@ class Wanted:
     truths: tuple[str, str] | None = None
 
 
-def arrange(dataset: Dataset, wanted: Wanted) -> Shown:
+def arrange(dataset: Dataset, wanted: Wanted, *, growing: bool = False) -> Shown:
     """What to show of a data set.
+
+    Args:
+        dataset: The data set.
+        wanted: What a user asks to see.
+        growing: Whether results are being made: a run or method that is not there may come.
 
     Raises:
         ReportError: No pairs, an unknown run, version, method, pose or pair, nothing left by
@@ -54,7 +60,7 @@ def arrange(dataset: Dataset, wanted: Wanted) -> Shown:
     selection = wanted.selection
     chosen = select_pairs(dataset, selection)
     trials = choose_trials(chosen, wanted.run)
-    if wanted.run is not None and trials.run != wanted.run:
+    if wanted.run is not None and trials.run != wanted.run and not growing:
         runs = trials.other_runs
         raise ReportError(
             f"{dataset.path} has no run {wanted.run!r}",
@@ -64,9 +70,10 @@ def arrange(dataset: Dataset, wanted: Wanted) -> Shown:
     if wanted.compare is not None:
         trials, comparison = compare_runs(chosen, trials, wanted.compare, selection.methods)
     else:
-        trials = trials.on(
-            {record.pair_id for record in chosen.pairs}, select_methods(trials, selection.methods)
-        )
+        methods: Collection[str] | None = selection.methods or None
+        if not growing:
+            methods = select_methods(trials, selection.methods)
+        trials = trials.on({record.pair_id for record in chosen.pairs}, methods)
     if wanted.truths is not None:
         chosen, trials, comparison = compare_truths(chosen, trials, *wanted.truths)
     if selection.worst is not None:

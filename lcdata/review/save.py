@@ -211,7 +211,7 @@ def send_results(recording: rr.RecordingStream, shown: Shown) -> None:
     tops = send_errors(recording, shown.trials, shown.colours, pair_ids, poses, time)
     differences = {} if shown.comparison is None else send_differences(recording, shown, time)
     if shown.trials.methods:
-        send_outcomes(recording, shown.trials, records, time(range(len(records) + 1)))
+        send_outcomes(recording, shown.trials, records, time)
     send_layout(recording, shown, Axes(tops, differences))
 
 
