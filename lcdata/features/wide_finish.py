@@ -114,7 +114,8 @@ def covariance(
                 )
             )
         halves.append(Objective(part, TERMS))
-    return scatter(whole, halves, T)
+    alone = [Objective([v], TERMS) for v in frames]
+    return scatter(whole, alone, halves, T)
 
 
 def _blocks(f: WideFeatures, points: Floats, T: Array) -> NDArray[np.int64]:
