@@ -36,7 +36,7 @@ FLOORS = {
     "experiment": 5.5,
     "pick": 5,
     "review": 5,
-    "reproduce": 5,
+    "reproduce": 5.5,
     "cli": 6,
     "__init__": 7,
     "__main__": 7,
