@@ -66,6 +66,11 @@ WIDEST = 2.0
 """How far children may leave the box of the first stage, in half-widths of the usual one, or of
 its own where that is narrower."""
 
+CROWD, APART = 8, 0.3
+"""In a box wider than the usual one so many times as many poses go through the coarse rounds, the
+first of them so far apart (half-widths of the usual box): halls repeat themselves every few metres,
+and the poses of one wrong bay would crowd out those of the right one."""
+
 COARSE = Stage(60.0, 1.0, 6)
 ROUNDS = (
     Stage(60.0, 0.25, 8),
@@ -176,16 +181,19 @@ def search(
     poses = displaced(T_initial, deltas)
     objective = make_objective(pairs, poses[:: max(1, len(poses) // 64)], options.segments)
     costs = objective(poses, COARSE)
-    best = np.argsort(costs, kind="stable")[: options.keep]
-    deltas, costs = deltas[best], costs[best]
     rounds = _rounds(scale)
+    wide = len(rounds) > len(ROUNDS)
+    many = options.keep * (CROWD if wide else 1)
+    best = _different(deltas / rounds[-1][1], costs, many, APART if wide else 0.0)
+    deltas, costs = deltas[best], costs[best]
     widest = box + (WIDEST - 1.0) * np.where(free, rounds[-1][1], 0.0)
     for stage, size in rounds:
         spread = np.where(free, stage.spread * size, 0.0)
         deltas = np.concatenate([deltas, _children(deltas, spread, options, rng)])
         deltas = np.clip(deltas, -widest, widest)
         costs = objective(displaced(T_initial, deltas), stage)
-        best = _different(deltas / size, costs, options.keep, 0.3 * stage.spread)
+        keep = many if stage.truncation == COARSE.truncation else options.keep
+        best = _different(deltas / size, costs, keep, 0.3 * stage.spread)
         deltas, costs = deltas[best], costs[best]
     best = _different(deltas / size, costs, options.candidates, 0.1)
     return displaced(T_initial, deltas[best]), objective

@@ -195,3 +195,31 @@ def test_real_road_scans_are_never_confidently_wrong(shared):
         if result.converged and (rotation > 0.5 or translation > 0.1):
             wrong.append((path.name, rotation, translation))
     assert not wrong
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("hold", "offset", "box"),
+    [
+        ("rotation", [0.0, 4.0, 0.0, 0.0, 0.0, 0.0], {"search_translation_m": 5.0}),
+        ("translation", [0.0, 0.0, 0.0, 0.0, 0.0, 0.4], {"search_rotation_deg": 28.0}),
+    ],
+)
+def test_half_of_the_extrinsic_can_be_held(method, hold, offset, box):
+    """PLK-Calib's Figure 6: far off in the other half."""
+    found = []
+    for seed in range(3):
+        T, lines = world(seed)
+        start = T @ se3.exp(offset)
+        result = usable(create(method, hold=hold, **box).calibrate([NOTHING], start, [lines]))
+        part = np.s_[:3, :3] if hold == "rotation" else np.s_[:3, 3]
+        np.testing.assert_allclose(result.T_camera_lidar[part], T[part], atol=1e-12)
+        degrees, metres = errors(result.T_camera_lidar, T)
+        found.append(degrees < 0.5 and metres < 0.1)
+        assert found[-1] or not result.converged
+    assert sum(found) >= 2  # one of the three shows ten lines among clutter
+
+
+def test_what_cannot_be_held_is_named():
+    with pytest.raises(CalibrationError, match="hold is 'everything'"):
+        create("projection", hold="everything")
