@@ -63,6 +63,8 @@ def outcomes(executor: Executor, tasks: deque[Task]) -> Generator[TrialResult, N
     Raises:
         ExperimentError: Files are not those that a task is for.
     """
+    if not tasks:
+        return  # nobody is asked for anything
     finished: dict[str, set[Key]] = {}
     with closing(executor(run_task, tasks)) as items:
         for item in items:

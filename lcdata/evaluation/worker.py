@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import lcdata
 from lcdata.calibrators.base import Calibration, Calibrator
 from lcdata.errors import CalibrationError, DatasetError, LcdataError, MissingLibraryError
@@ -22,8 +25,27 @@ if TYPE_CHECKING:
     from lcdata.dataset.schema import PoseRecord
     from lcdata.pair import Pair
 
+NO_GUESS = "no initial guess: "
+DOUBT = "initial guess not to be trusted: "
+"""How messages on automatic guesses begin."""
+
 Work = tuple[tuple[str, int], ...]
 """Label of a method and number of a trial, one estimate each."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundGuess:
+    """An initial guess that was looked for.
+
+    Args:
+        T_camera_lidar: 4x4; None if there is none.
+        doubt: Why it is not to be trusted; empty if it is.
+        error: Why there is none.
+    """
+
+    T_camera_lidar: NDArray[np.float64] | None
+    doubt: str = ""
+    error: str = ""
 
 
 @dataclass(frozen=True)
@@ -43,6 +65,9 @@ class Task:
         checksums: sha256 of image and cloud of each pair, which the files must have; empty if they
             may be any.
         contents: sha256 of files that parameters name, by label and parameter, see `inputs`.
+        automatic: Options of initial guesses that are to be found from the pairs (see
+            `calibrators.initial_guess.GuessOptions`), by number of the trial.
+        found: Those of them that were found before.
     """
 
     dataset: Path | str
@@ -55,6 +80,8 @@ class Task:
     guesses: Mapping[int, Guess] = field(default_factory=dict)
     checksums: tuple[tuple[str, str], ...] = ()
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    automatic: Mapping[int, Mapping[str, object]] = field(default_factory=dict)
+    found: Mapping[int, FoundGuess] = field(default_factory=dict)
 
     def guess(self, trial: int) -> Guess:
         """Where a trial starts."""
@@ -99,11 +126,13 @@ class Kept:
         pair_ids: Folder of their data set, and their names.
         pairs: The pairs.
         features: By front end.
+        guesses: Initial guesses that were found, by number of the trial.
     """
 
     pair_ids: tuple[str, ...] = ()
     pairs: list[Pair] = field(default_factory=list)
     features: dict[str, _Features] = field(default_factory=dict)
+    guesses: dict[int, FoundGuess] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -135,7 +164,7 @@ def run_task(task: Task, kept: Kept | None = None) -> Iterator[Begin | TrialResu
     pair_ids = (str(task.dataset), *task.pair_ids)
     if kept.pair_ids != pair_ids:
         yield Begin("loading the pair", task.work)
-        kept.pair_ids, kept.pairs, kept.features = (), [], {}
+        kept.pair_ids, kept.pairs, kept.features, kept.guesses = (), [], {}, {}
         try:
             kept.pairs = _load(task)
         except _OtherFileError as error:
@@ -147,6 +176,14 @@ def run_task(task: Task, kept: Kept | None = None) -> Iterator[Begin | TrialResu
             return
         kept.pair_ids = pair_ids
     pairs, shared = kept.pairs, kept.features
+    for trial, options in task.automatic.items():
+        work = tuple(piece for piece in task.work if piece[1] == trial)
+        if trial in task.found:
+            kept.guesses[trial] = task.found[trial]
+        elif work and trial not in kept.guesses:
+            yield Begin("looking for an initial guess", work)
+            kept.guesses[trial] = _guessed(pairs, options)
+    task = _started(task, kept.guesses)
     for label in dict.fromkeys(label for label, _ in task.work):
         method = task.methods[label]
         work = tuple(piece for piece in task.work if piece[0] == label)
@@ -155,8 +192,41 @@ def run_task(task: Task, kept: Kept | None = None) -> Iterator[Begin | TrialResu
             yield Begin("preparing features", work)
             shared[key] = _prepare(method, pairs)
         for _, trial in work:
+            if trial in kept.guesses and kept.guesses[trial].error:
+                yield without_guess(task, label, trial, kept.guesses[trial].error)
+                continue
             yield Begin("calibrating", ((label, trial),))
-            yield _run_trial(task, label, trial, pairs, shared[key])
+            yield _doubted(
+                _run_trial(task, label, trial, pairs, shared[key]), kept.guesses.get(trial)
+            )
+
+
+def _guessed(pairs: Sequence[Pair], options: Mapping[str, object]) -> FoundGuess:
+    from lcdata.calibrators.initial_guess import guess
+
+    try:
+        found = guess(pairs, **options)
+    except Exception as error:  # as of methods
+        return FoundGuess(None, error=f"{NO_GUESS}{_describe(error)}")
+    return FoundGuess(found.T_camera_lidar, "" if found.converged else f"{DOUBT}{found.message}")
+
+
+def _started(task: Task, found: Mapping[int, FoundGuess]) -> Task:
+    """A task with the initial guesses that were found for it."""
+    more = {
+        trial: Guess(guess.T_camera_lidar, task.pose.pose_version)
+        for trial, guess in found.items()
+        if guess.T_camera_lidar is not None
+    }
+    return dataclasses.replace(task, guesses={**task.guesses, **more}) if more else task
+
+
+def _doubted(result: TrialResult, guess: FoundGuess | None) -> TrialResult:
+    """A trial that says what is doubtful about where it started."""
+    if guess is None or not guess.doubt:
+        return result
+    message = "; ".join(part for part in (result.message, guess.doubt) if part)
+    return dataclasses.replace(result, message=message)
 
 
 class _OtherFileError(DatasetError):
@@ -280,6 +350,8 @@ def failure(
 ) -> TrialResult:
     """A trial without an estimate."""
     method, protocol, pose = task.methods[label], task.protocol, task.pose
+    if trial in task.automatic and trial not in task.guesses:
+        return without_guess(task, label, trial, message)
     guess = task.guess(trial)
     return TrialResult(
         run=task.run,
@@ -302,6 +374,25 @@ def failure(
         features_seconds=seconds,
         message=message,
     ).against(pose)
+
+
+def guess_of(result: TrialResult) -> FoundGuess:
+    """The initial guess that a trial started from and that was found from its pairs."""
+    if np.isnan(result.initial_rotation_error_deg):
+        return FoundGuess(None, error=result.message)
+    _, mark, why = result.message.partition(DOUBT)
+    return FoundGuess(result.T_camera_lidar_initial, mark + why)
+
+
+def without_guess(task: Task, label: str, trial: int, message: str) -> TrialResult:
+    """A trial that could not start: its initial errors are unknown."""
+    nowhere = Guess(np.eye(4), task.pose.pose_version)
+    task = dataclasses.replace(task, guesses={**task.guesses, trial: nowhere})
+    return dataclasses.replace(
+        failure(task, label, trial, message),
+        initial_rotation_error_deg=float("nan"),
+        initial_translation_error_m=float("nan"),
+    )
 
 
 def _describe(error: Exception) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+import lcdata
 from lcdata.calibrators.base import Calibrator
+from lcdata.calibrators.initial_guess import GuessOptions
 from lcdata.dataset import Dataset
 from lcdata.errors import ExperimentError
 from lcdata.evaluation.given import given_guesses
@@ -21,7 +23,7 @@ from lcdata.evaluation.inputs import file_contents
 from lcdata.evaluation.protocol import GivenGuesses, Protocol
 from lcdata.evaluation.results import SCHEMA_VERSION, Guess, Results, TrialResult
 from lcdata.evaluation.trials import grouped
-from lcdata.evaluation.worker import Task, parameters
+from lcdata.evaluation.worker import FoundGuess, Task, parameters
 from lcdata.experiment.checksums import Checksums
 from lcdata.experiment.spec import Experiment
 
@@ -40,12 +42,14 @@ class Start(NamedTuple):
     Args:
         protocol: How it was made.
         trial: Number of the trial.
-        T_camera_lidar: 4x4.
+        T_camera_lidar: 4x4; None where it is found from the pairs.
+        options: How it is found then.
     """
 
     protocol: Protocol
     trial: int
-    T_camera_lidar: Array
+    T_camera_lidar: Array | None
+    options: Mapping[str, object] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +89,9 @@ class PlannedTrial:
             group=protocol.group,
             init_rotation_deg=protocol.init_rotation_deg,
             init_translation_m=protocol.init_translation_m,
-            T_camera_lidar_initial=self.start.T_camera_lidar,
+            T_camera_lidar_initial=stored.T_camera_lidar_initial
+            if self.start.T_camera_lidar is None
+            else self.start.T_camera_lidar,
             groundtruth_version=pose.pose_version,
             initial_groundtruth_version=pose.pose_version,
         )
@@ -98,10 +104,12 @@ class Unit:
     Args:
         task: All of the work on these pairs. Numbers of trials in it count its initial guesses.
         keys: Key of each piece of its work.
+        guess_keys: Key of each initial guess that is found from the pairs, by its number.
     """
 
     task: Task
     keys: Mapping[tuple[str, int], str]
+    guess_keys: Mapping[int, str]
 
     def left(self, done: Container[str]) -> Task | None:
         """The task with the work that has not been done; None if there is none."""
@@ -130,12 +138,18 @@ class Plan:
     units: Sequence[Unit]
 
     @classmethod
-    def of(cls, experiment: Experiment, checksums: Checksums) -> Plan:
+    def of(
+        cls,
+        experiment: Experiment,
+        checksums: Checksums,
+        known: Callable[[str], FoundGuess | None] = lambda _: None,
+    ) -> Plan:
         """Plan an experiment.
 
         Args:
             experiment: The experiment.
             checksums: Each file is checked against its data set's index.
+            known: Initial guesses that were found from pairs before, by key.
 
         Raises:
             ExperimentError: A file that has changed, an unknown scenario, or nothing to do.
@@ -152,7 +166,7 @@ class Plan:
             for name, dataset in datasets.items():
                 for starts, pairs in _starts(experiment, name, dataset):
                     unit, planned = _unit(
-                        experiment, name, dataset, pairs, starts, checksums, contents
+                        experiment, name, dataset, pairs, starts, checksums, contents, known
                     )
                     units.append(unit)
                     trials += planned
@@ -177,6 +191,18 @@ class Plan:
     def key(self, result: TrialResult) -> str:
         """Key of a trial as a task of this plan gives it."""
         return self._keys[result.run, result.method, result.pair_ids, result.trial]
+
+    def guess_key(self, result: TrialResult) -> str | None:
+        """Key of the initial guess of such a trial, if it was found from the pairs."""
+        return self._guess_keys.get((result.run, result.pair_ids, result.trial))
+
+    @cached_property
+    def _guess_keys(self) -> dict[tuple[str, tuple[str, ...], int], str]:
+        return {
+            (unit.task.run, unit.task.pair_ids, number): key
+            for unit in self.units
+            for number, key in unit.guess_keys.items()
+        }
 
     @cached_property
     def _keys(self) -> dict[tuple[str, str, tuple[str, ...], int], str]:
@@ -224,6 +250,10 @@ def _starts(
             for protocol, initial in given
             if pair_ids[0] in initial
         ]
+        starts += [
+            Start(GivenGuesses(group=experiment.group, source=word), 0, None, options)
+            for word, options in experiment.automatic.items()
+        ]
         if starts:
             yield starts, pairs
 
@@ -236,6 +266,7 @@ def _unit(
     starts: Sequence[Start],
     checksums: Checksums,
     contents: Mapping[str, Mapping[str, str]],
+    known: Callable[[str], FoundGuess | None],
 ) -> tuple[Unit, list[PlannedTrial]]:
     pair_ids = tuple(pair.pair_id for pair in pairs)
     pose = dataset.pose(pairs[0].pose_id)
@@ -246,11 +277,14 @@ def _unit(
         "camera": repr(dataset.camera(pairs[0].scenario)),
         "groundtruth": pose.pose_version,
     }
+    automatic = {n: start.options for n, start in enumerate(starts) if start.T_camera_lidar is None}
+    guess_keys = {n: _guess_key(content, options) for n, options in automatic.items()}
+    found = {n: guess for n, key in guess_keys.items() if (guess := known(key)) is not None}
     keys: dict[tuple[str, int], str] = {}
     trials = []
     for label, method in experiment.methods.items():
         for number, start in enumerate(starts):
-            key = keys[label, number] = _key(content, method, contents[label], start.T_camera_lidar)
+            key = keys[label, number] = _key(content, method, contents[label], start)
             trials.append(PlannedTrial(key, name, label, method, pair_ids, pose, start))
     task = Task(
         dataset=dataset.address,
@@ -263,18 +297,21 @@ def _unit(
         guesses={
             number: Guess(start.T_camera_lidar, pose.pose_version)
             for number, start in enumerate(starts)
+            if start.T_camera_lidar is not None
         },
+        automatic=automatic,
+        found=found,
         checksums=files,
         contents=contents,
     )
-    return Unit(task, keys), trials
+    return Unit(task, keys, guess_keys), trials
 
 
 def _key(
     content: Mapping[str, object],
     method: Calibrator,
     files: Mapping[str, str],
-    T_initial: Array,
+    start: Start,
 ) -> str:
     """sha256 of all that decides what a trial gives; of files their content, not their place."""
     values = json.loads(parameters(method, files))
@@ -282,7 +319,20 @@ def _key(
     everything = {
         **content,
         "method": [method.name, method.version, json.dumps(described, sort_keys=True)],
-        "initial": [round(float(value), DIGITS) + 0.0 for value in np.ravel(T_initial)],
+        "initial": _guess_key(content, start.options)
+        if start.T_camera_lidar is None
+        else [round(float(value), DIGITS) + 0.0 for value in np.ravel(start.T_camera_lidar)],
+    }
+    return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
+
+
+def _guess_key(content: Mapping[str, object], options: Mapping[str, object]) -> str:
+    """sha256 of all that decides what is found from pairs; their ground truth does not."""
+    everything = {
+        "pairs": content["pairs"],
+        "camera": content["camera"],
+        "guess": dataclasses.asdict(GuessOptions(**options)),  # type: ignore[arg-type]
+        "lcdata": lcdata.__version__,
     }
     return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
 

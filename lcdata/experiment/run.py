@@ -13,7 +13,7 @@ from lcdata.evaluation.execution import local_executor, outcomes
 from lcdata.evaluation.pool import Executor
 from lcdata.evaluation.results import Results, TrialResult
 from lcdata.evaluation.trials import Progress
-from lcdata.evaluation.worker import Task
+from lcdata.evaluation.worker import Task, guess_of
 from lcdata.experiment.checksums import Checksums
 from lcdata.experiment.plan import Plan, counted
 from lcdata.experiment.spec import Experiment
@@ -71,7 +71,7 @@ def run_experiment(
         CalibrationError: Processes that cannot be started.
     """
     store = Store.open(experiment.store)
-    plan = Plan.of(experiment, Checksums.read(store.folder))
+    plan = Plan.of(experiment, Checksums.read(store.folder), store.guess)
     stored = store.keys()
     retried = {key for key, failed in stored.items() if failed and retry_failed}
     tasks = plan.left(stored.keys() - retried)
@@ -102,6 +102,8 @@ def _compute(
             for result in results:
                 key = plan.key(result)
                 fresh[key] = result
+                if (guess := plan.guess_key(result)) is not None:
+                    store.keep_guess(guess, guess_of(result))
                 missing.discard(key)
                 if time.monotonic() - saved > SAVE_EVERY_S:
                     written.append(store.write(fresh))

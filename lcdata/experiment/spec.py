@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import itertools
 from collections.abc import Mapping
@@ -14,16 +15,18 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from lcdata import yaml_file
 from lcdata.calibrators.base import Calibrator
+from lcdata.calibrators.initial_guess import GuessOptions
 from lcdata.dataset import schema
 from lcdata.dataset.remote import is_url
 from lcdata.errors import CalibrationError, ExperimentError
+from lcdata.evaluation.automatic import source_of
 from lcdata.evaluation.protocol import Protocol
 from lcdata.experiment.sweep import swept
 
 STORE = "lcdata-trials"
 """Default folder of computed trials, beside the experiment file: experiments there share it."""
 
-TRUTH = "truth"
+TRUTH, AUTO = "truth", "auto"
 
 
 class _Section(BaseModel):
@@ -65,12 +68,13 @@ class MethodEntry(_Section):
 
 
 class Start(_Section):
-    """Where trials start: the ground truth with an error, or guesses of one's own.
+    """Where trials start: the ground truth with an error, or a guess, found or given.
 
-    Lists are swept: every rotation with every translation.
+    Lists are swept: every rotation with every translation. `guess` has options of `init: auto`.
     """
 
     init: str = TRUTH
+    guess: dict[str, Any] = {}
     rotation_deg: Annotated[list[float], BeforeValidator(_listed)] = [5.0]
     translation_m: Annotated[list[float], BeforeValidator(_listed)] = [0.5]
 
@@ -99,7 +103,8 @@ class Experiment:
         scenarios: Scenarios to take, by the name of the data set; empty for all.
         methods: Methods by label, sweeps laid out.
         protocols: Of initial guesses with an error, by the name of the run.
-        given: Sources of guesses of one's own: picks, or CSV files of matches.
+        given: Sources of guesses of one's own: picks, or files of matches.
+        automatic: Options of guesses from the pairs alone, by the word that names their run.
         group: "pair" or "pose".
         store: Folder of computed trials.
     """
@@ -110,6 +115,7 @@ class Experiment:
     methods: Mapping[str, Calibrator]
     protocols: Mapping[str, Protocol]
     given: tuple[str, ...]
+    automatic: Mapping[str, Mapping[str, object]]
     group: str
     store: Path
 
@@ -158,10 +164,17 @@ class _Reader:
     def experiment(self, file: ExperimentFile) -> Experiment:
         protocols: dict[str, Protocol] = {}
         given: list[str] = []
+        automatic: dict[str, Mapping[str, object]] = {}
         for i, start in enumerate(file.starts):
+            if start.guess and start.init != AUTO:
+                raise self._wrong(
+                    ("starts", i, "guess"), "these are options of `init: auto`", "leave them out"
+                )
+            if start.init == AUTO:
+                automatic[self._automatic(start.guess, i)] = start.guess
+                continue
             if start.init != TRUTH:
-                self._guesses(start.init, i)
-                given.append(start.init)
+                given.append(self._guesses(start.init, i))
                 continue
             for rotation, translation, seed in itertools.product(
                 start.rotation_deg, start.translation_m, file.seeds
@@ -179,6 +192,7 @@ class _Reader:
             methods=self._methods(file.methods),
             protocols=protocols,
             given=tuple(dict.fromkeys(given)),
+            automatic=automatic,
             group=file.group,
             store=self._beside(file.store),
         )
@@ -191,12 +205,37 @@ class _Reader:
         where = f"{self.path}:{line}" if line else f"{self.path}"
         return ExperimentError(f"{where}: {message}", remedy)
 
-    def _guesses(self, source: str, i: int) -> None:
-        """Refuse what is no source of initial guesses."""
-        if source == "picks" or source.lower().endswith(".csv"):
-            return
-        close = difflib.get_close_matches(source, [TRUTH, "picks"], n=1)
-        hint = f"did you mean {close[0]!r}?" if close else "use truth, picks or a CSV of matches"
+    def _automatic(self, options: Mapping[str, object], i: int) -> str:
+        """Word that names the run of automatic guesses with these options."""
+        known = [f.name for f in dataclasses.fields(GuessOptions)]
+        for name in options:
+            if name not in known:
+                close = difflib.get_close_matches(str(name), known, n=1)
+                hint = f"did you mean {close[0]!r}?" if close else f"it has {', '.join(known)}"
+                raise self._wrong(
+                    ("starts", i, "guess"), f"an initial guess has no option {name!r}", hint
+                )
+        try:
+            return source_of(options)
+        except (CalibrationError, TypeError) as error:
+            message = error.message if isinstance(error, CalibrationError) else str(error)
+            raise self._wrong(("starts", i, "guess"), message, "see `lcdata calibrate`") from error
+
+    def _guesses(self, source: str, i: int) -> str:
+        """A source of initial guesses; files are beside the experiment's."""
+        if source == "picks":
+            return source
+        if source.lower().endswith((".csv", ".json")):
+            path = self._beside(Path(source))
+            if not path.is_file():
+                raise self._wrong(("starts", i, "init"), f"no file {source}", "check its name")
+            return str(path)
+        close = difflib.get_close_matches(source, [TRUTH, AUTO, "picks"], n=1)
+        hint = (
+            f"did you mean {close[0]!r}?"
+            if close
+            else "use truth, auto, picks, a CSV of matches or a toolbox's JSON"
+        )
         raise self._wrong(("starts", i, "init"), f"no initial guess {source!r}", hint)
 
     def _datasets(self, entries: list[DatasetEntry]) -> dict[str, tuple[Path | str, DatasetEntry]]:

@@ -2,6 +2,7 @@
 
     STORE/store.json                      version of the store
     STORE/trials/<time>-<process>.parquet trials as in DATASET/results, with a column `key`
+    STORE/guesses/<key>.json              initial guesses that were found from pairs alone
     STORE/checksums.json                  of data-set files, so that they are read once
 
 Files are written once, whole or not at all, and are never changed: any number of processes may
@@ -20,8 +21,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lcdata.dataset.atomic import write_json, write_parquet
-from lcdata.errors import ExperimentError, ReportError
+from lcdata.errors import ExperimentError, GeometryError, ReportError
 from lcdata.evaluation.results import TrialResult, from_table, readable, to_table
+from lcdata.evaluation.worker import FoundGuess
+from lcdata.geometry.se3 import check_transform
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
 VERSION = 1
 """Raised whenever a reader of the version before would misread a store."""
 
-INFO, TRIALS = "store.json", "trials"
+INFO, TRIALS, GUESSES = "store.json", "trials", "guesses"
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,26 @@ class Store:
         path = self.folder / TRIALS / name
         write_parquet(path, table)
         return path
+
+    def guess(self, key: str) -> FoundGuess | None:
+        """An initial guess by what it was found from; None if it is not there or damaged."""
+        try:
+            content = json.loads((self.folder / GUESSES / f"{key}.json").read_text())
+            T = check_transform(content["T_camera_lidar"], "a stored initial guess")
+            return FoundGuess(T, str(content["doubt"]))
+        except (OSError, ValueError, KeyError, TypeError, GeometryError):
+            return None
+
+    def keep_guess(self, key: str, found: FoundGuess) -> None:
+        """Keep an initial guess.
+
+        Raises:
+            DatasetError: The disk is full or cannot be written.
+        """
+        path = self.folder / GUESSES / f"{key}.json"
+        if found.T_camera_lidar is not None and not path.exists():
+            content = {"T_camera_lidar": found.T_camera_lidar.tolist(), "doubt": found.doubt}
+            write_json(path, content)
 
     def merge(self, paths: Sequence[Path]) -> None:
         """Put one's own files together: one is faster to read than many."""
