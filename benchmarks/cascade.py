@@ -4,11 +4,13 @@
     python benchmarks/cascade.py --only simulated --scenarios road --seeds 500 510
     python benchmarks/cascade.py --only kitti --seeds 0 10
 
-Guesses are wrong by 5 degrees and 0.5 m on each axis with random signs. Errors of simulated pairs
-are against their exact truth; each seed is another layout, rig and noise. `wrong` counts results
-that are called converged and are not within 0.5 deg and 0.1 m. Seconds are processor time of one
-thread, after the kernels are compiled, features included. `sigmas` is the root mean square of the
-errors in predicted standard deviations over all six components, 2.4 if the covariance is right.
+Guesses are wrong by 5 degrees and 0.5 m on each axis with random signs (of real frames also by what
+`--from` says). Errors of simulated pairs
+are against their exact truth; each seed is another layout, rig and noise. Each protocol is a row of
+a table in docs/benchmarks.md: what (of real frames method, frames and start), successes (within 0.5
+deg and 0.1 m), medians, worst, called converged, and wrongly so, median of the seconds (processor
+time of one thread, features included). `sigmas` is the root mean square of the errors in predicted
+standard deviations over all six components, 2.4 if the covariance is right.
 """
 
 from __future__ import annotations
@@ -23,12 +25,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 from nid import SHARED, real_pair, there
+from wide import STARTS, report, started_from
 
 from lcdata.calibrators import create
 from lcdata.evaluation.protocol import perturb
 from lcdata.geometry import se3
-
-DEGREES, METRES = 0.5, 0.1
 
 
 def trial(calibrator, pairs, degrees, metres, seed):
@@ -45,25 +46,6 @@ def trial(calibrator, pairs, degrees, metres, seed):
         "sigmas": se3.sigma_distance(found.T_camera_lidar, T, found.covariance),
         "message": found.message,
     }
-
-
-def report(name, rows):
-    """One line."""
-    values = {key: np.array([row[key] for row in rows]) for key in rows[0]}
-    success = (values["degrees"] < DEGREES) & (values["metres"] < METRES)
-    wrong = int((values["converged"] & ~success).sum())
-    sigmas = values["sigmas"].astype(float)[success]
-    sigmas = sigmas[np.isfinite(sigmas)]
-    print(
-        f"  {name:28s} n {len(rows):3d}  success {int(success.sum()):3d}  "
-        f"median {np.median(values['degrees']):.3f} deg "
-        f"{1e3 * np.median(values['metres']):.1f} mm  "
-        f"worst {values['degrees'].max():.2f} deg {1e3 * values['metres'].max():.0f} mm  "
-        f"converged {int(values['converged'].sum()):3d}  wrong {wrong}  "
-        f"sigmas {np.sqrt(np.mean(sigmas**2)) if len(sigmas) else np.nan:.1f}  "
-        f"seconds {np.median(values['seconds']):.1f}",
-        flush=True,
-    )
 
 
 def shown(options, name, row):
@@ -89,10 +71,10 @@ def simulated(options):
                     row = trial(create(name), [pair], 5.0, 0.5, 10 * seed + start)
                     rows[name].append(shown(options, f"{name} {scenario} {seed}", row))
         for name, found in rows.items():
-            report(f"{name} {scenario}", found)
+            report((f"{name}, {scenario}",), found)
             everything[name] += found
     for name, found in everything.items():
-        report(f"{name} all", found)
+        report((f"{name}, all",), found)
 
 
 def kitti(options):
@@ -102,17 +84,18 @@ def kitti(options):
         return
     pairs = [real_pair(folder, path.stem) for path in sorted(folder.glob("*.pcd"))]
     print("kitti_road (target of five frames: all within 0.5 deg / 0.1 m; 0.15 deg / 25 mm)")
-    first, last = min(options.seeds[0], 0), min(options.seeds[1] - options.seeds[0], 10)
+    count = min(options.seeds[1] - options.seeds[0], 10)
     for size in options.frames:
         groups = [pairs[i : i + size] for i in range(0, len(pairs) - size + 1, size)]
-        for degrees, metres in ((1.0, 0.1), (5.0, 0.5)):
+        for start in options.from_:
             for name in options.methods:
                 rows = [
-                    shown(options, f"{name} {k}", trial(create(name), group, degrees, metres, seed))
-                    for seed in range(first, last)
+                    shown(options, f"{name} {k}", trial(create(name), group, *STARTS[start], seed))
+                    for seed in range(count)
                     for k, group in enumerate(groups)
                 ]
-                report(f"{name} {size} frames {degrees:g} / {metres:g}", rows)
+                script = f"`cascade.py --only kitti --frames {size}`"
+                report((f"`{name}`", str(size), started_from(start)), rows, last=(script,))
 
 
 def crossing(options):
@@ -122,13 +105,13 @@ def crossing(options):
         return
     pair = real_pair(folder, "calib")
     print("opencalib_crossing, one sweep")
-    for degrees, metres in ((1.0, 0.1), (5.0, 0.5)):
+    for start in options.from_:
         for name in options.methods:
             rows = [
-                shown(options, name, trial(create(name), [pair], degrees, metres, seed))
+                shown(options, name, trial(create(name), [pair], *STARTS[start], seed))
                 for seed in range(5)
             ]
-            report(f"{name} {degrees:g} / {metres:g}", rows)
+            report((f"`{name}`", "1", started_from(start)), rows)
 
 
 PARTS = {"simulated": simulated, "kitti": kitti, "crossing": crossing}
@@ -142,6 +125,9 @@ def main():
     parser.add_argument("--seeds", type=int, nargs=2, default=[500, 513], help="first, last + 1")
     parser.add_argument("--starts", type=int, default=2, help="initial guesses a simulated pair")
     parser.add_argument("--frames", type=int, nargs="+", default=[1, 5, 10])
+    parser.add_argument(
+        "--from", dest="from_", nargs="+", choices=STARTS, default=["1/0.1", "5/0.5"]
+    )
     parser.add_argument("--verbose", action="store_true", help="each trial")
     options = parser.parse_args()
     cv2.setNumThreads(1)

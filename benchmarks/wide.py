@@ -8,9 +8,10 @@ Real frames are those of ../shared/data/kitti_road beside the checkout; where th
 part is skipped, and said so. Five frames are the first and the last five of the ten; other numbers
 are drawn by seed. Guesses are wrong by the given error on each axis with random signs. Times are
 processor time of one thread, after the kernels are compiled: `prepare` of all frames, and the rest.
-`wrong` counts results that are called converged and are not within 0.5 deg and 0.1 m; `sigmas` is
-the root mean square of the errors in predicted standard deviations over all six components, 2.4 if
-the covariance is right.
+Each protocol is a row of the table of roads in docs/benchmarks.md: method, frames, start, successes
+(within 0.5 deg and 0.1 m), medians, worst, called converged, and wrongly so, median of the seconds.
+`sigmas` is the root mean square of the successes' errors in predicted standard deviations over all
+six components, 2.4 if the covariance is right.
 """
 
 from __future__ import annotations
@@ -49,23 +50,35 @@ def trial(calibrator, pairs, prepared, start, seed):
     }
 
 
-def report(name, rows, preparation):
-    """One line."""
+def cells(rows):
+    """Successes, medians, worst, called converged, and wrongly so; and the errors in sigmas."""
     values = {key: np.array([row[key] for row in rows]) for key in rows[0]}
-    success = (values["degrees"] < 0.5) & (values["metres"] < 0.1)
-    wrong = int((values["converged"] & ~success).sum())
-    sigmas = values["sigmas"].astype(float)
-    sigmas = sigmas[success & np.isfinite(sigmas)]
-    print(
-        f"{name:34s} success {int(success.sum())} of {len(rows)}  "
-        f"median {np.median(values['degrees']):.3f} deg {np.median(values['metres']):.4f} m  "
-        f"worst {values['degrees'].max():.2f} deg {values['metres'].max():.3f} m  "
-        f"converged {int(values['converged'].sum())}  wrong {wrong}  "
-        f"sigmas {np.sqrt(np.mean(sigmas**2)) if len(sigmas) else np.nan:.1f}  "
-        f"seconds {preparation:.1f} + {np.median(values['seconds']):.1f} "
-        f"(most {values['seconds'].max():.1f})",
-        flush=True,
-    )
+    degrees, millimetres = values["degrees"], 1e3 * values["metres"]
+    success = (degrees < 0.5) & (millimetres < 100.0)
+    sigmas = values["sigmas"].astype(float)[success]
+    sigmas = sigmas[np.isfinite(sigmas)]
+    return (
+        f"{int(success.sum())} of {len(rows)}",
+        f"{np.median(degrees):.3f} deg / {np.median(millimetres):.0f} mm",
+        f"{degrees.max():.2f} deg / {millimetres.max():.0f} mm",
+        str(int(values["converged"].sum())),
+        str(int((values["converged"] & ~success).sum())),
+    ), float(np.sqrt(np.mean(sigmas**2))) if len(sigmas) else np.nan
+
+
+def report(first, rows, preparation=0.0, last=()):
+    """A row of a table, and under it what is in none."""
+    middle, sigmas = cells(rows)
+    seconds = preparation + np.array([row["seconds"] for row in rows])
+    line = [*first, *middle, f"{np.median(seconds):.1f}", *last]
+    print(f"| {' | '.join(line)} |", flush=True)
+    features = f", of them features {preparation:.1f}" if preparation else ""
+    print(f"    sigmas {sigmas:.1f}, most seconds {seconds.max():.1f}{features}", flush=True)
+
+
+def started_from(name):
+    degrees, metres = STARTS[name]
+    return f"{degrees:g} deg / {metres:g} m"
 
 
 def kitti(options, calibrator):
@@ -87,7 +100,8 @@ def kitti(options, calibrator):
                     rows.append(trial(calibrator, *chosen, STARTS[name], seed))
                     if options.verbose:
                         show(f"{group} seed {seed}", rows[-1])
-            report(f"kitti_road, {number} frames from {name}", rows, each * number)
+            script = f"`wide.py --frames {number}`"
+            report(("`wide`", str(number), started_from(name)), rows, each * number, (script,))
 
 
 def groups(number, total, seed):
@@ -118,7 +132,8 @@ def simulated(options, calibrator):
                     rows.append(trial(calibrator, pairs, prepared, STARTS[name], seed))
                     if options.verbose:
                         show(f"{scenario} seed {seed}", rows[-1])
-                report(f"{scenario}, {number} scenes from {name}", rows, 0.0)
+                first = (f"`wide`, {scenario}", str(number), started_from(name))
+                report(first, rows, 0.0, (f"`wide.py --simulated {scenario} --frames {number}`",))
 
 
 def show(name, row):

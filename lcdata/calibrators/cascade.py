@@ -30,6 +30,14 @@ FARTHEST = 2.0
 """Intensities and edges are believed within so many standard deviations of the first estimate,
 root mean square over the degrees of freedom: about the 0.999 quantile of right ones."""
 
+HALVES_AGREE = frozenset({"wide"})
+"""Methods that trust a result only if disjoint halves of the pairs, each searched anew, come within
+0.5 deg and 0.1 m of it: what a success may be off."""
+
+TESTED = 2.0
+"""How much larger their predicted standard deviations may be: up to what was tested. Of others the
+prediction is all that is known, and has to be well below what a success may be off."""
+
 MIN_CONTRAST = 3.0
 """See `Polished.contrast`: below, intensities and edges do not confirm a pose."""
 
@@ -64,12 +72,13 @@ class Cascade(Calibrator):
         search_translation_m: Half-width of the search along each axis, metres.
         masks: Lane and pole masks, a file or a folder, see `crlf`; none: `crlf` is left out.
         max_rotation_sigma_deg: A result is not trusted if the predicted standard deviation of
-            its rotation is larger, degrees.
+            its rotation is larger, degrees; twice as large where halves of the pairs agree.
         max_translation_sigma_m: The same of the translation, metres.
         seed: Seed of everything random.
     """
 
     name: ClassVar[str] = "cascade"
+    version: ClassVar[int] = 2
 
     search_rotation_deg: float = 10.0
     search_translation_m: float = 0.7
@@ -114,8 +123,7 @@ class Cascade(Calibrator):
         best, confirmed = max(polished, key=lambda item: _contrast(item[1]))
         result, accepted, words = self._concluded(best, confirmed)
         steps.append(words)
-        limits = self.max_translation_sigma_m, self.max_rotation_sigma_deg
-        undetermined = too_uncertain(result.covariance, *limits)
+        undetermined = too_uncertain(result.covariance, *self._limits(best))
         return dataclasses.replace(
             result,
             converged=trusted and accepted and not undetermined,
@@ -123,6 +131,12 @@ class Cascade(Calibrator):
             seconds=time.perf_counter() - started,
             message="; ".join(steps + undetermined),
         )
+
+    def _limits(self, best: Finding) -> tuple[float, float]:
+        """Largest predicted standard deviations of a trusted result, metres and degrees."""
+        tested = best.trusted and best.by in HALVES_AGREE
+        share = TESTED if tested else 1.0
+        return share * self.max_translation_sigma_m, share * self.max_rotation_sigma_deg
 
     def _methods(self, pairs: Sequence[Pair]) -> list[Calibrator]:
         """What to try, in this order, until one converges."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lcdata.calibrators.base import Calibration, Calibrator, LineMatches
 from lcdata.calibrators.uncertainty import too_uncertain
+from lcdata.errors import CalibrationError
 from lcdata.features.chamfer_search import (
     FINEST,
     Objective,
@@ -22,6 +23,7 @@ from lcdata.features.chamfer_search import (
     search,
     visible_share,
 )
+from lcdata.features.held import HOLDS, NOTHING, ROTATION, TRANSLATION
 from lcdata.features.line_features import LineFeatures, extract_line_features
 from lcdata.features.line_solver import (
     ROTATION_RATIO,
@@ -76,10 +78,12 @@ class LineCalibrator(Calibrator):
         max_rotation_sigma_deg: A result is not trusted if the predicted standard deviation of
             its rotation is larger, degrees.
         max_translation_sigma_m: The same of the translation, metres.
+        hold: What is kept as the initial guess has it: nothing, rotation or translation (where
+            the camera sees the LiDAR's origin), as in PLK-Calib's test of bad initial guesses.
         seed: Seed of the search's random numbers.
     """
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     search_rotation_deg: float = 10.0
     search_translation_m: float = 0.7
@@ -87,6 +91,7 @@ class LineCalibrator(Calibrator):
     paint: bool = True
     max_rotation_sigma_deg: float = 1.0
     max_translation_sigma_m: float = 0.2
+    hold: str = NOTHING
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -98,6 +103,8 @@ class LineCalibrator(Calibrator):
             "max_translation_sigma_m": math.inf,
         }
         self._check_numbers(limits, ("search_samples", "seed"))
+        if self.hold not in HOLDS:
+            raise CalibrationError(f"hold is {self.hold!r}", f"use {', '.join(HOLDS)}")
 
     @property
     @abstractmethod
@@ -122,6 +129,7 @@ class LineCalibrator(Calibrator):
             self.search_translation_m,
             samples=self.search_samples,
             seed=self.seed,
+            hold=self.hold,
         )
         poses, objective = search(features, T_initial, options)
         refined = [refine(features, pose, self.solver) for pose in poses]
@@ -162,9 +170,9 @@ class LineCalibrator(Calibrator):
         """What the lines leave open, however well they fit."""
         found = []
         rotation, translation = singular_ratios(problem, solution.T_camera_lidar, solution.weights)
-        if rotation < ROTATION_RATIO:
+        if self.hold != ROTATION and rotation < ROTATION_RATIO:
             found.append(f"matched lines are nearly parallel (singular values {rotation:.3f})")
-        if translation < TRANSLATION_RATIO:
+        if self.hold != TRANSLATION and translation < TRANSLATION_RATIO:
             found.append(f"matched lines leave the translation open ({translation:.4f})")
         limits = self.max_translation_sigma_m, self.max_rotation_sigma_deg
         return found + too_uncertain(covariance, *limits)

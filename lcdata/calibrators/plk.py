@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 from lcdata.calibrators.lines import LineCalibrator
@@ -27,4 +28,4 @@ class Plk(LineCalibrator):
     @property
     def solver(self) -> Solver:
         """Method II."""
-        return solve_decoupled if self.decoupled else solve_pluecker
+        return partial(solve_decoupled if self.decoupled else solve_pluecker, hold=self.hold)

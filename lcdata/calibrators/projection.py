@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 from lcdata.calibrators.lines import LineCalibrator
@@ -22,4 +23,4 @@ class Projection(LineCalibrator):
     @property
     def solver(self) -> Solver:
         """Method I."""
-        return solve_projection
+        return partial(solve_projection, hold=self.hold)

@@ -41,6 +41,7 @@ class Wide(Calibrator):
     """
 
     name: ClassVar[str] = "wide"
+    version: ClassVar[int] = 2
 
     search_rotation_deg: float = 7.0
     search_translation_m: float = 0.7
@@ -77,7 +78,7 @@ class Wide(Calibrator):
     ) -> Calibration:
         """Estimate the extrinsic that all the pairs share; see `Calibrator.calibrate`."""
         from lcdata.calibrators.wide_verdict import doubts
-        from lcdata.features.wide_finish import covariance, refined
+        from lcdata.features.wide_finish import close_views, covariance, refined
         from lcdata.features.wide_objective import images
         from lcdata.features.wide_search import passes, solve
 
@@ -87,8 +88,9 @@ class Wide(Calibrator):
         plan = passes(self.search_rotation_deg, self.search_translation_m)
         pictures = images(features, rng)
         found = solve(features, pictures, T_initial, plan, rng)
-        T = refined(features, pictures, found.T, True, rng)
-        scattered = covariance(features, pictures, T, rng)
+        frames = close_views(features, pictures, found.T, rng)
+        T = refined(features, frames, found.T, rng)
+        scattered = covariance(features, frames, T, rng)
         undetermined = self._undetermined(scattered)
         limits = (self.agree_translation_m, self.agree_rotation_deg, self.min_pairs)
         doubtful = doubts(features, pictures, T_initial, T, plan, limits, rng)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.wide_features import WideFeatures
-from lcdata.features.wide_finish import refined
+from lcdata.features.wide_finish import centred, close_views
 from lcdata.features.wide_frames import scenes
 from lcdata.features.wide_objective import Images, Objective, views
 from lcdata.features.wide_search import FINE, MIDDLE, Pass, solve
@@ -60,7 +60,7 @@ def solve_half(
         frames = views(features, pictures, T, np.deg2rad(MIDDLE.margin_deg), False, rng)
         costs = Objective(frames, MIDDLE.stages[-1].terms)(np.stack([found, other]))
         found = other if costs[1] < costs[0] else found
-    return refined(features, pictures, found, False, rng)
+    return centred(close_views(features, pictures, found, rng), found)
 
 
 def doubts(

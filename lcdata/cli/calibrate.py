@@ -10,10 +10,12 @@ from lcdata.cli.common import (
     DatasetPath,
     Jobs,
     JsonFlag,
+    Scheduler,
     counted,
     end_with,
     guarded,
     names,
+    on_scheduler,
     print_json,
     progress_bar,
 )
@@ -70,6 +72,7 @@ def calibrate(
         bool, typer.Option("--joint", help="Solve all pairs of an arm pose together.")
     ] = False,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
     force: Annotated[bool, typer.Option("--force", help="Compute stored results again.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -82,6 +85,7 @@ def calibrate(
     from lcdata.evaluation.given import given_guesses
 
     chosen = configured(names(methods), settings or ())
+    executor = on_scheduler(scheduler, jobs)
     opened = Dataset.open(dataset)
     source, initial = "", None
     group = "pose" if joint else "pair"
@@ -123,6 +127,7 @@ def calibrate(
             seed=seed,
             group=group,
             jobs=jobs,
+            executor=executor,
             force=force,
             progress=progress,
         )

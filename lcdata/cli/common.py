@@ -11,11 +11,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 
 from lcdata.errors import LcdataError
+
+if TYPE_CHECKING:
+    from lcdata.evaluation.pool import Executor
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,6 +33,12 @@ debug = False
 JsonFlag = Annotated[bool, typer.Option("--json", help="Machine-readable standard output.")]
 Jobs = Annotated[
     int | None, typer.Option("--jobs", "-j", min=1, help="Processes; default: one a core.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Run on Dask: tcp://HOST:PORT of a scheduler, or local[:N] for N workers here."
+    ),
 ]
 DatasetPath = Annotated[Path, typer.Argument(help="Folder of the data set.", show_default=False)]
 
@@ -141,7 +150,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=600) as bar:
         tasks: dict[str, TaskID] = {}
 
         def report(stage: str, done: int, total: int) -> None:
@@ -150,6 +159,17 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
             bar.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+def on_scheduler(scheduler: str | None, jobs: int | None) -> Executor | None:
+    """What runs tasks on a Dask scheduler; None without one."""
+    if scheduler is None:
+        return None
+    from lcdata.evaluation.cluster import cluster_executor
+
+    return cluster_executor(
+        scheduler, jobs, lambda words: typer.echo(f"lcdata: note: {words}", err=True)
+    )
 
 
 def counted(number: int, what: str) -> str:

@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from lcdata.cli.common import Jobs, JsonFlag, end_with, guarded, print_json, progress_bar
+from lcdata.cli.common import (
+    Jobs,
+    JsonFlag,
+    Scheduler,
+    end_with,
+    guarded,
+    on_scheduler,
+    print_json,
+    progress_bar,
+)
 
 EXAMPLES = {
     "run": "lcdata experiment run basin.yaml --jobs 4",
@@ -34,6 +43,7 @@ def run(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Run trials again that gave no estimate.")
     ] = False,
+    scheduler: Scheduler = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Compute the trials that are missing, and print how the methods do."""
@@ -42,8 +52,15 @@ def run(
     from lcdata.experiment import load_experiment, run_experiment
 
     experiment = load_experiment(file)
+    executor = on_scheduler(scheduler, jobs)
     with progress_bar(quiet=as_json) as progress:
-        found = run_experiment(experiment, jobs=jobs, retry_failed=retry_failed, progress=progress)
+        found = run_experiment(
+            experiment,
+            jobs=jobs,
+            executor=executor,
+            retry_failed=retry_failed,
+            progress=progress,
+        )
     if as_json:
         print_json({name: results.to_dict() for name, results in found.items()})
     else:

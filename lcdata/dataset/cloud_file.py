@@ -5,6 +5,7 @@ The header is pypcd4's; the records follow it as they lie in memory, so that not
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -57,12 +58,29 @@ def read(path: Path) -> tuple[NDArray[np.void], int, int]:
     Raises:
         DatasetError: Not there, not a PCD file, or cut short.
     """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path}: not there", "`lcdata validate` lists what is wrong") from error
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror})") from error
+    return decode(data, path)
+
+
+def decode(data: bytes, path: Path | str) -> tuple[NDArray[np.void], int, int]:
+    """Records (N,), height and width of a PCD file's content.
+
+    Args:
+        data: The whole file.
+        path: What errors call it.
+
+    Raises:
+        DatasetError: Not a PCD file, or cut short.
+    """
     from pypcd4 import PointCloud
 
     try:
-        cloud = PointCloud.from_path(path)
-    except FileNotFoundError as error:
-        raise DatasetError(f"{path}: not there", "`lcdata validate` lists what is wrong") from error
+        cloud = PointCloud.from_fileobj(io.BytesIO(data))
     except (ValueError, RuntimeError, KeyError, OSError) as error:  # pydantic's is a ValueError
         reason = str(error).strip().splitlines()[0]
         raise DatasetError(f"{path}: not a PCD file, or cut short ({reason})") from error

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from dataclasses import fields as columns
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -51,9 +51,17 @@ class Dataset:
     def open(cls, path: Path | str) -> Self:
         """Open a data set; reads its index, no images or clouds.
 
+        Args:
+            path: Its folder, or a URL that fsspec reads.
+
         Raises:
             DatasetError: Not there, unfinished, damaged, or of another schema version.
+            MissingLibraryError: What a URL's protocol needs is not installed.
         """
+        from lcdata.dataset import remote
+
+        if remote.is_url(path):
+            return cast("Self", remote.open_remote(str(path)))
         path = Path(path)
         info = read_info(path)
         pairs = [PairRecord(**row) for row in _rows(path / schema.PAIRS, PairRecord)]
@@ -64,6 +72,24 @@ class Dataset:
             poses = read_poses(kept)
         pairs.sort(key=lambda record: schema.in_order(record.pair_id))
         return cls(path, info, tuple(pairs), tuple(poses))
+
+    @property
+    def address(self) -> Path | str:
+        """Where other processes open it: its folder, resolved, or its URL."""
+        return self.path.resolve()
+
+    def place(self, name: str) -> Path | str:
+        """Where one of its files is, for people."""
+        return self.path / name
+
+    def read_bytes(self, name: str) -> bytes:
+        """Content of one of its files.
+
+        Raises:
+            OSError: It cannot be read.
+            DatasetError: It cannot be read, at a URL.
+        """
+        return (self.path / name).read_bytes()
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -116,13 +142,39 @@ class Dataset:
         Raises:
             DatasetError: Unknown pair, or a file that is missing or damaged.
         """
+        return self.decode(pair_id, *self.files(pair_id))
+
+    def files(self, pair_id: str) -> tuple[bytes, bytes]:
+        """Image file and cloud file of a pair as they are stored.
+
+        Raises:
+            DatasetError: Unknown pair, or a file that cannot be read.
+        """
+        record = self.pair(pair_id)
+        found = []
+        for name in (record.image, record.cloud):
+            try:
+                found.append(self.read_bytes(name))
+            except OSError as error:
+                raise DatasetError(
+                    f"{self.place(name)}: cannot be read ({error.strerror})",
+                    "`lcdata validate` lists what is wrong",
+                ) from error
+        return found[0], found[1]
+
+    def decode(self, pair_id: str, image: bytes, cloud: bytes) -> Pair:
+        """A pair of its two files' contents.
+
+        Raises:
+            DatasetError: Unknown pair, or a file that is damaged.
+        """
         record = self.pair(pair_id)
         pose = self.pose(record.pose_id)
-        records, height, width = cloud_file.read(self.path / record.cloud)
+        records, height, width = cloud_file.decode(cloud, self.place(record.cloud))
         try:
             points = fields.points(records)
         except MessageError as error:
-            raise DatasetError(f"{self.path / record.cloud}: {error.message}") from error
+            raise DatasetError(f"{self.place(record.cloud)}: {error.message}") from error
         points[~np.isfinite(points).all(axis=1)] = np.nan
         intensity = _values(records, fields.intensity_name(records.dtype), np.float32)
         ring = _values(records, fields.ring_name(records.dtype), np.int32)
@@ -133,7 +185,7 @@ class Dataset:
             intensity = None if intensity is None else intensity[returned]
             ring = None if ring is None else ring[returned]
         return Pair(
-            image=read_image(self.path / record.image),
+            image=_decoded(image, self.place(record.image)),
             points=points,
             intensity=intensity,
             camera=self.camera(record.scenario),
@@ -206,11 +258,18 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         DatasetError: Not there, or not an image.
     """
     try:
-        return images.decode_file(path.read_bytes())
+        data = path.read_bytes()
     except OSError as error:
         raise DatasetError(
             f"{path}: cannot be read ({error.strerror})", "`lcdata validate` lists what is wrong"
         ) from error
+    return _decoded(data, path)
+
+
+def _decoded(data: bytes, path: Path | str) -> NDArray[np.uint8]:
+    """An image file's content, see `read_image`."""
+    try:
+        return images.decode_file(data)
     except MessageError as error:
         raise DatasetError(f"{path}: {error.message}", "build the data set again") from error
 

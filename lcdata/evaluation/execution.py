@@ -10,10 +10,10 @@ from contextlib import closing
 from functools import partial
 
 from lcdata.calibrators.base import Calibrator
-from lcdata.errors import CalibrationError
+from lcdata.errors import CalibrationError, ExperimentError
 from lcdata.evaluation.pool import Crash, Executor, default_jobs, run_here, run_in_processes
 from lcdata.evaluation.results import TrialResult
-from lcdata.evaluation.worker import Begin, Task, failure, run_task
+from lcdata.evaluation.worker import Begin, Refusal, Task, failure, run_task
 
 Key = tuple[str, tuple[str, ...], int]
 """Label of the method, pairs, number of the trial."""
@@ -58,10 +58,16 @@ def local_executor(calibrators: Mapping[str, Calibrator], jobs: int | None, task
 
 
 def outcomes(executor: Executor, tasks: deque[Task]) -> Generator[TrialResult, None, None]:
-    """Results as they come; a crash fails what was being done, the rest is tried again."""
+    """Results as they come; a crash fails what was being done, the rest is tried again.
+
+    Raises:
+        ExperimentError: Files are not those that a task is for.
+    """
     finished: dict[str, set[Key]] = {}
     with closing(executor(run_task, tasks)) as items:
         for item in items:
+            if isinstance(item, Refusal):
+                raise ExperimentError(item.message, item.remedy)
             results: list[TrialResult] = []
             if isinstance(item, TrialResult):
                 results = [item]

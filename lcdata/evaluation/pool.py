@@ -119,7 +119,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, child = context.Pipe()
         self.process = context.Process(target=_serve, args=(function, child), daemon=True)
-        with _child_settings():
+        with child_settings():
             self.process.start()
         child.close()
         self.ready = self.busy = False
@@ -201,7 +201,7 @@ def _explain(exitcode: int | None) -> str:
 
 
 @contextmanager
-def _child_settings() -> Iterator[None]:
+def child_settings() -> Iterator[None]:
     """Environment and signals for a process that is about to be started.
 
     A child inherits an ignored SIGINT: Ctrl-C in a terminal reaches the whole process group,

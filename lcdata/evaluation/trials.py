@@ -15,6 +15,7 @@ from lcdata.calibrators.base import Calibrator
 from lcdata.errors import CalibrationError
 from lcdata.evaluation.execution import Key, local_executor, outcomes, without
 from lcdata.evaluation.given import having_guess, started_at, starts_there
+from lcdata.evaluation.inputs import file_contents
 from lcdata.evaluation.labels import by_label
 from lcdata.evaluation.pool import Executor
 from lcdata.evaluation.protocol import GivenGuesses, Protocol
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished trials and of all trials."""
+
+Contents = Mapping[str, Mapping[str, str]]
+"""sha256 of files that methods' parameters name, by label and parameter."""
 
 SAVE_EVERY_S = 20.0
 """How much work a killed process may lose."""
@@ -60,10 +64,11 @@ def run_trials(
     """Run methods on the pairs of a data set and store the results in it.
 
     Trials that a former call with the same protocol has stored, of the same methods and
-    parameters and against the same ground truth, are not computed again. Those that failed are
-    tried again; those of another version of a method or of the ground truth are replaced. So are
-    those that were measured again (`update_results`) and whose initial errors then turned out more
-    than a tenth off the protocol's; where they are not, other methods start from their guesses.
+    parameters (and files that these name) and against the same ground truth, are not computed
+    again. Those that failed are tried again; those of another version of a method or of the ground
+    truth are replaced. So are those that were measured again (`update_results`) and whose initial
+    errors then turned out more than a tenth off the protocol's; where they are not, other methods
+    start from their guesses.
 
     Args:
         dataset: The data set.
@@ -94,9 +99,10 @@ def run_trials(
         protocol = GivenGuesses(group=group, source=source)
         pair_ids = having_guess(pair_ids or [p.pair_id for p in dataset.pairs], initial)
     calibrators = by_label(methods)
+    contents = {label: file_contents(method) for label, method in calibrators.items()}
     run = protocol.run if run is None else _check_name(run)
-    results = _stored(dataset, run, protocol, calibrators, force)
-    planned = _plan(dataset, run, protocol, calibrators, pair_ids, results.values())
+    results = _stored(dataset, run, protocol, calibrators, contents, force)
+    planned = _plan(dataset, run, protocol, calibrators, contents, pair_ids, results.values())
     if initial is not None:
         planned = started_at(initial, planned)
         results = {key: t for key, t in results.items() if starts_there(t, planned)}
@@ -139,6 +145,7 @@ def _stored(
     run: str,
     protocol: Protocol,
     calibrators: dict[str, Calibrator],
+    contents: Contents,
     force: bool,
 ) -> dict[Key, TrialResult]:
     """Stored trials of the run that stay as they are."""
@@ -156,7 +163,8 @@ def _stored(
         if (method := calibrators.get(t.method)) is None:
             kept[t.key] = t
             continue
-        same_method = (t.method_version, t.parameters) == (method.version, parameters(method))
+        wanted = method.version, parameters(method, contents[t.method])
+        same_method = (t.method_version, t.parameters) == wanted
         if same_method and _holds(t, protocol, versions) and not (t.failed or force):
             kept[t.key] = t
     return kept
@@ -178,6 +186,7 @@ def _plan(
     run: str,
     protocol: Protocol,
     calibrators: dict[str, Calibrator],
+    contents: Contents,
     pair_ids: Sequence[str] | None,
     stored: Iterable[TrialResult],
 ) -> list[Task]:
@@ -197,6 +206,7 @@ def _plan(
             methods=calibrators,
             work=tuple((label, n) for label in calibrators for n in range(protocol.trials)),
             guesses=guesses.get(tuple(pair.pair_id for pair in pairs), {}),
+            contents=contents,
         )
         for pairs in grouped(dataset, protocol.group, pair_ids)
     ]

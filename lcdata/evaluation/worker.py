@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import lcdata
 from lcdata.calibrators.base import Calibration, Calibrator
-from lcdata.errors import CalibrationError, LcdataError
+from lcdata.errors import CalibrationError, DatasetError, LcdataError, MissingLibraryError
 from lcdata.evaluation.protocol import Protocol
 from lcdata.evaluation.results import Guess, TrialResult
 from lcdata.geometry.se3 import check_transform
@@ -30,7 +31,7 @@ class Task:
     """Work on one pair, or on several that are solved jointly.
 
     Args:
-        dataset: Folder of the data set: workers read pairs themselves.
+        dataset: Folder or URL of the data set: workers read pairs themselves.
         run: Name of the run.
         protocol: Where initial guesses come from.
         pose: Ground truth of the pairs.
@@ -39,9 +40,12 @@ class Task:
         work: What to do with them.
         guesses: Initial guesses by number of the trial that other methods have started from, from
             which this work starts too; the protocol's where there is none.
+        checksums: sha256 of image and cloud of each pair, which the files must have; empty if they
+            may be any.
+        contents: sha256 of files that parameters name, by label and parameter, see `inputs`.
     """
 
-    dataset: Path
+    dataset: Path | str
     run: str
     protocol: Protocol
     pose: PoseRecord
@@ -49,6 +53,8 @@ class Task:
     methods: dict[str, Calibrator]
     work: Work
     guesses: Mapping[int, Guess] = field(default_factory=dict)
+    checksums: tuple[tuple[str, str], ...] = ()
+    contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def guess(self, trial: int) -> Guess:
         """Where a trial starts."""
@@ -73,6 +79,34 @@ class Begin:
 
 
 @dataclass(frozen=True)
+class Refusal:
+    """Why work cannot go on: what it would compute were not the trials that were asked for.
+
+    Args:
+        message: What is wrong.
+        remedy: What to do.
+    """
+
+    message: str
+    remedy: str
+
+
+@dataclass
+class Kept:
+    """Pairs that were loaded last, with their features: more work on them need not begin again.
+
+    Args:
+        pair_ids: Folder of their data set, and their names.
+        pairs: The pairs.
+        features: By front end.
+    """
+
+    pair_ids: tuple[str, ...] = ()
+    pairs: list[Pair] = field(default_factory=list)
+    features: dict[str, _Features] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class _Features:
     """What `prepare` made of some pairs, or the error that it raised."""
 
@@ -81,25 +115,38 @@ class _Features:
     error: str = ""
 
 
-def run_task(task: Task) -> Iterator[Begin | TrialResult]:
+def run_task(task: Task, kept: Kept | None = None) -> Iterator[Begin | TrialResult | Refusal]:
     """Run one task: a `TrialResult` for each piece of its work, whatever happens.
 
     Features are prepared once for all trials, and once for all methods of the same front end.
+
+    Args:
+        task: The task.
+        kept: What this process has loaded and prepared for its task before.
+
+    Yields:
+        Results, and before each step what begins; or one `Refusal`, where files are not those that
+        the task is for.
     """
     import cv2
 
-    from lcdata.dataset import Dataset
-
     cv2.setNumThreads(1)
-    yield Begin("loading the pair", task.work)
-    try:
-        dataset = Dataset.open(task.dataset)
-        pairs = [dataset.load(pair_id) for pair_id in task.pair_ids]
-    except (LcdataError, OSError) as error:
-        for label, trial in task.work:
-            yield failure(task, label, trial, str(error))
-        return
-    shared: dict[str, _Features] = {}
+    kept = Kept() if kept is None else kept
+    pair_ids = (str(task.dataset), *task.pair_ids)
+    if kept.pair_ids != pair_ids:
+        yield Begin("loading the pair", task.work)
+        kept.pair_ids, kept.pairs, kept.features = (), [], {}
+        try:
+            kept.pairs = _load(task)
+        except _OtherFileError as error:
+            yield Refusal(error.message, error.remedy)
+            return
+        except (LcdataError, OSError) as error:
+            for label, trial in task.work:
+                yield failure(task, label, trial, str(error))
+            return
+        kept.pair_ids = pair_ids
+    pairs, shared = kept.pairs, kept.features
     for label in dict.fromkeys(label for label, _ in task.work):
         method = task.methods[label]
         work = tuple(piece for piece in task.work if piece[0] == label)
@@ -110,6 +157,42 @@ def run_task(task: Task) -> Iterator[Begin | TrialResult]:
         for _, trial in work:
             yield Begin("calibrating", ((label, trial),))
             yield _run_trial(task, label, trial, pairs, shared[key])
+
+
+class _OtherFileError(DatasetError):
+    """A file is not there, or not the one that a task is for."""
+
+
+def _load(task: Task) -> list[Pair]:
+    """The pairs of a task.
+
+    Raises:
+        _OtherFileError: A file has another checksum than the task says, or cannot be read.
+        DatasetError: A file is damaged.
+    """
+    from lcdata.dataset import Dataset
+
+    if not task.checksums:
+        dataset = Dataset.open(task.dataset)
+        return [dataset.load(pair_id) for pair_id in task.pair_ids]
+    pairs = []
+    try:
+        dataset = Dataset.open(task.dataset)
+        contents = [dataset.files(pair_id) for pair_id in task.pair_ids]
+    except (DatasetError, MissingLibraryError) as error:
+        raise _OtherFileError(error.message, error.remedy) from error
+    for pair_id, expected, found in zip(task.pair_ids, task.checksums, contents, strict=True):
+        record = dataset.pair(pair_id)
+        for name, wanted, data in zip((record.image, record.cloud), expected, found, strict=True):
+            actual = hashlib.sha256(data).hexdigest()
+            if actual != wanted:
+                raise _OtherFileError(
+                    f"{dataset.place(name)} has changed: its sha256 is {actual[:12]}…, the "
+                    f"experiment is about {wanted[:12]}…",
+                    "bring the file back or build the data set again; stored trials are kept",
+                )
+        pairs.append(dataset.decode(pair_id, *found))
+    return pairs
 
 
 def front_end(method: Calibrator) -> str:
@@ -124,10 +207,20 @@ def front_end(method: Calibrator) -> str:
     return f"{owner.__module__}.{owner.__qualname__} {values!r}"
 
 
-def parameters(method: Calibrator) -> str:
-    """Parameters of a method as JSON."""
+def parameters(method: Calibrator, contents: Mapping[str, str] | None = None) -> str:
+    """Parameters of a method as JSON.
+
+    Args:
+        method: The method.
+        contents: sha256 of files that parameters name, by parameter, see `inputs.file_contents`.
+    """
     values = {f.name: getattr(method, f.name) for f in _fields(method)}
-    return json.dumps(values, sort_keys=True, default=repr)
+    values |= {f"{name}.sha256": digest for name, digest in (contents or {}).items()}
+    return json.dumps(values, sort_keys=True, default=_plain)
+
+
+def _plain(value: object) -> str:
+    return str(value) if isinstance(value, PurePath) else repr(value)
 
 
 def _fields(scope: Any) -> tuple[dataclasses.Field[Any], ...]:
@@ -192,7 +285,7 @@ def failure(
         run=task.run,
         method=label,
         method_version=method.version,
-        parameters=parameters(method),
+        parameters=parameters(method, task.contents.get(label)),
         lcdata_version=lcdata.__version__,
         pair_ids=task.pair_ids,
         scenario=pose.scenario,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -62,18 +63,28 @@ class Checksums:
             self.changed = True
         return found
 
+    def _remote(self, dataset: Dataset, pair: PairRecord) -> tuple[str, str]:
+        """What the index says of a pair at a URL: workers check it as they read the files."""
+        if pair.image_sha256 and pair.cloud_sha256:
+            return pair.image_sha256, pair.cloud_sha256
+        image, cloud = dataset.files(pair.pair_id)
+        return hashlib.sha256(image).hexdigest(), hashlib.sha256(cloud).hexdigest()
+
     def checked(self, dataset: Dataset, pair: PairRecord) -> tuple[str, str]:
         """Checksums of a pair's image and cloud, which must be those of pairs.parquet.
 
         Raises:
             ExperimentError: A file that is gone or has changed.
+            DatasetError: A file at a URL that cannot be read.
         """
         found = []
+        if not isinstance(dataset.address, Path):
+            return self._remote(dataset, pair)
         for name, recorded in (
             (pair.image, pair.image_sha256),
             (pair.cloud, pair.cloud_sha256),
         ):
-            path = Path(dataset.path).resolve() / name
+            path = dataset.address / name
             actual = self.of(path)
             if actual is None:
                 raise ExperimentError(

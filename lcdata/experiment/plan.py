@@ -8,7 +8,6 @@ import json
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from lcdata.calibrators.base import Calibrator
 from lcdata.dataset import Dataset
 from lcdata.errors import ExperimentError
 from lcdata.evaluation.given import given_guesses
+from lcdata.evaluation.inputs import file_contents
 from lcdata.evaluation.protocol import GivenGuesses, Protocol
 from lcdata.evaluation.results import SCHEMA_VERSION, Guess, Results, TrialResult
 from lcdata.evaluation.trials import grouped
@@ -142,12 +142,18 @@ class Plan:
             DatasetError: A data set that cannot be opened.
         """
         datasets = {name: Dataset.open(path) for name, path in experiment.datasets.items()}
+        contents = {
+            label: file_contents(method, checksums.of)
+            for label, method in experiment.methods.items()
+        }
         trials: list[PlannedTrial] = []
         units: list[Unit] = []
         try:
             for name, dataset in datasets.items():
                 for starts, pairs in _starts(experiment, name, dataset):
-                    unit, planned = _unit(experiment, name, dataset, pairs, starts, checksums)
+                    unit, planned = _unit(
+                        experiment, name, dataset, pairs, starts, checksums, contents
+                    )
                     units.append(unit)
                     trials += planned
         finally:
@@ -229,12 +235,14 @@ def _unit(
     pairs: Sequence[PairRecord],
     starts: Sequence[Start],
     checksums: Checksums,
+    contents: Mapping[str, Mapping[str, str]],
 ) -> tuple[Unit, list[PlannedTrial]]:
     pair_ids = tuple(pair.pair_id for pair in pairs)
     pose = dataset.pose(pairs[0].pose_id)
+    files = tuple(checksums.checked(dataset, pair) for pair in pairs)
     content = {
         "results": SCHEMA_VERSION,
-        "pairs": [checksums.checked(dataset, pair) for pair in pairs],
+        "pairs": files,
         "camera": repr(dataset.camera(pairs[0].scenario)),
         "groundtruth": pose.pose_version,
     }
@@ -242,10 +250,10 @@ def _unit(
     trials = []
     for label, method in experiment.methods.items():
         for number, start in enumerate(starts):
-            key = keys[label, number] = _key(content, method, start.T_camera_lidar)
+            key = keys[label, number] = _key(content, method, contents[label], start.T_camera_lidar)
             trials.append(PlannedTrial(key, name, label, method, pair_ids, pose, start))
     task = Task(
-        dataset=Path(dataset.path).resolve(),
+        dataset=dataset.address,
         run=name,
         protocol=starts[0].protocol,
         pose=pose,
@@ -256,15 +264,24 @@ def _unit(
             number: Guess(start.T_camera_lidar, pose.pose_version)
             for number, start in enumerate(starts)
         },
+        checksums=files,
+        contents=contents,
     )
     return Unit(task, keys), trials
 
 
-def _key(content: Mapping[str, object], method: Calibrator, T_initial: Array) -> str:
-    """sha256 of all that decides what a trial gives."""
+def _key(
+    content: Mapping[str, object],
+    method: Calibrator,
+    files: Mapping[str, str],
+    T_initial: Array,
+) -> str:
+    """sha256 of all that decides what a trial gives; of files their content, not their place."""
+    values = json.loads(parameters(method, files))
+    described = {name: value for name, value in values.items() if name not in files}
     everything = {
         **content,
-        "method": [method.name, method.version, parameters(method)],
+        "method": [method.name, method.version, json.dumps(described, sort_keys=True)],
         "initial": [round(float(value), DIGITS) + 0.0 for value in np.ravel(T_initial)],
     }
     return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()

@@ -6,7 +6,7 @@ import difflib
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import yaml
@@ -15,6 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from lcdata import yaml_file
 from lcdata.calibrators.base import Calibrator
 from lcdata.dataset import schema
+from lcdata.dataset.remote import is_url
 from lcdata.errors import CalibrationError, ExperimentError
 from lcdata.evaluation.protocol import Protocol
 from lcdata.experiment.sweep import swept
@@ -48,9 +49,9 @@ def _listed(value: Any) -> Any:
 
 
 class DatasetEntry(_Section):
-    """A data set: its folder, or `path`, `name` in tables and the `scenarios` to take."""
+    """A data set: its folder or URL, or `path`, `name` in tables and the `scenarios` to take."""
 
-    path: Path
+    path: str
     name: str = ""
     scenarios: list[str] = []
 
@@ -94,7 +95,7 @@ class Experiment:
 
     Args:
         path: Its file.
-        datasets: Folders of the data sets by name.
+        datasets: Folders or URLs of the data sets by name.
         scenarios: Scenarios to take, by the name of the data set; empty for all.
         methods: Methods by label, sweeps laid out.
         protocols: Of initial guesses with an error, by the name of the run.
@@ -104,7 +105,7 @@ class Experiment:
     """
 
     path: Path
-    datasets: Mapping[str, Path]
+    datasets: Mapping[str, Path | str]
     scenarios: Mapping[str, tuple[str, ...]]
     methods: Mapping[str, Calibrator]
     protocols: Mapping[str, Protocol]
@@ -198,15 +199,17 @@ class _Reader:
         hint = f"did you mean {close[0]!r}?" if close else "use truth, picks or a CSV of matches"
         raise self._wrong(("starts", i, "init"), f"no initial guess {source!r}", hint)
 
-    def _datasets(self, entries: list[DatasetEntry]) -> dict[str, tuple[Path, DatasetEntry]]:
-        found: dict[str, tuple[Path, DatasetEntry]] = {}
+    def _datasets(self, entries: list[DatasetEntry]) -> dict[str, tuple[Path | str, DatasetEntry]]:
+        found: dict[str, tuple[Path | str, DatasetEntry]] = {}
         for i, entry in enumerate(entries):
-            folder = self._beside(entry.path)
-            if not (folder / schema.INFO).is_file():
-                raise self._wrong(
-                    ("datasets", i), f"no data set {entry.path}", _datasets_near(folder)
-                )
-            name = entry.name or folder.name
+            folder: Path | str = entry.path.rstrip("/")
+            if not is_url(folder):
+                folder = self._beside(Path(entry.path))
+                if not (folder / schema.INFO).is_file():
+                    raise self._wrong(
+                        ("datasets", i), f"no data set {entry.path}", _datasets_near(folder)
+                    )
+            name = entry.name or PurePosixPath(folder).name
             if name in found or name in {"", ".", ".."} or "/" in name:
                 raise self._wrong(
                     ("datasets", i),

@@ -6,6 +6,7 @@ of shrinking random children of the best poses on finer and finer fields.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.features.distance_fields import NEAR, chamfer
+from lcdata.features.held import NOTHING, released
 from lcdata.features.line_features import LineFeatures
 
 Array = NDArray[np.float64]
@@ -31,6 +33,7 @@ class SearchOptions:
         candidates: Different poses that are returned.
         segments: Cloud lines of a pair that are used at most.
         seed: Of the children's offsets.
+        hold: What stays as it is in the initial guess, see `held.HOLDS`.
     """
 
     rotation_deg: float = 10.0
@@ -41,6 +44,7 @@ class SearchOptions:
     candidates: int = 6
     segments: int = 150
     seed: int = 0
+    hold: str = NOTHING
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ class Stage:
 
 
 WIDEST = 2.0
-"""How far children may leave the box of the first stage, in its half-widths."""
+"""How far children may leave the box of the first stage, in half-widths of the usual one, or of
+its own where that is narrower."""
 
 COARSE = Stage(60.0, 1.0, 6)
 ROUNDS = (
@@ -161,21 +166,42 @@ def search(
     """
     rng = np.random.default_rng(options.seed)
     box = np.repeat([np.deg2rad(options.rotation_deg), options.translation_m], 3)
-    deltas = (2.0 * low_discrepancy(options.samples, options.seed) - 1.0) * box
+    box = released(box, options.hold)
+    free = box > 0.0
+    scale = np.where(free, box, 1.0)
+    deltas = np.zeros((options.samples, 6))
+    grid = low_discrepancy(options.samples, options.seed, int(free.sum()))
+    deltas[:, free] = (2.0 * grid - 1.0) * box[free]
     deltas[0] = 0.0
     poses = displaced(T_initial, deltas)
     objective = make_objective(pairs, poses[:: max(1, len(poses) // 64)], options.segments)
     costs = objective(poses, COARSE)
     best = np.argsort(costs, kind="stable")[: options.keep]
     deltas, costs = deltas[best], costs[best]
-    for stage in ROUNDS:
-        deltas = np.concatenate([deltas, _children(deltas, stage.spread * box, options, rng)])
-        deltas = np.clip(deltas, -WIDEST * box, WIDEST * box)
+    rounds = _rounds(scale)
+    widest = box + (WIDEST - 1.0) * np.where(free, rounds[-1][1], 0.0)
+    for stage, size in rounds:
+        spread = np.where(free, stage.spread * size, 0.0)
+        deltas = np.concatenate([deltas, _children(deltas, spread, options, rng)])
+        deltas = np.clip(deltas, -widest, widest)
         costs = objective(displaced(T_initial, deltas), stage)
-        best = _different(deltas / box, costs, options.keep, 0.3 * stage.spread)
+        best = _different(deltas / size, costs, options.keep, 0.3 * stage.spread)
         deltas, costs = deltas[best], costs[best]
-    best = _different(deltas / box, costs, options.candidates, 0.1)
+    best = _different(deltas / size, costs, options.candidates, 0.1)
     return displaced(T_initial, deltas[best]), objective
+
+
+def _rounds(box: Array) -> list[tuple[Stage, Array]]:
+    """Stages, and the (6,) half-widths that their spread is a share of.
+
+    Where the box is wider than the usual one, coarse rounds come first in which it shrinks to
+    that: later stages look for details of some pixels, and children must not jump over them.
+    """
+    usual = np.repeat([np.deg2rad(SearchOptions.rotation_deg), SearchOptions.translation_m], 3)
+    close = np.minimum(box, usual)
+    count = math.ceil(math.log2(float((box / close).max())))
+    wide = [box * (close / box) ** (k / count) for k in range(count)]
+    return [(ROUNDS[0], size) for size in wide] + [(stage, close) for stage in ROUNDS]
 
 
 def contrast(
@@ -236,13 +262,13 @@ def displaced(T: Array, deltas: Array) -> Array:
     return poses
 
 
-def low_discrepancy(count: int, seed: int) -> Array:
-    """(count, 6) points that fill the unit cube evenly: additive recurrence (Roberts 2018)."""
+def low_discrepancy(count: int, seed: int, dimensions: int = 6) -> Array:
+    """(count, d) points that fill the unit cube evenly: additive recurrence (Roberts 2018)."""
     root = 1.0
-    for _ in range(50):  # root of x^7 = x + 1
-        root = (1.0 + root) ** (1.0 / 7.0)
-    steps = root ** -np.arange(1.0, 7.0)
-    start = np.random.default_rng(seed).random(6)
+    for _ in range(50):  # root of x^(d+1) = x + 1
+        root = (1.0 + root) ** (1.0 / (dimensions + 1.0))
+    steps = root ** -np.arange(1.0, dimensions + 1.0)
+    start = np.random.default_rng(seed).random(dimensions)
     return np.asarray((start + np.arange(count)[:, None] * steps) % 1.0)
 
 

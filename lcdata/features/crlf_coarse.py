@@ -19,7 +19,7 @@ from lcdata.features.crlf_refine import agreement
 from lcdata.features.p3l import turns
 from lcdata.features.road_cloud import RoadCloud
 from lcdata.features.road_cost import NEAR, mean_height
-from lcdata.features.road_view import COARSE, Road, RoadView, stack
+from lcdata.features.road_view import COARSE, HEIGHTS, Road, RoadView, stack
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
@@ -98,30 +98,27 @@ def coarse(view: RoadView, reach_m: float, most: int) -> tuple[Array, Array]:
     uprights = normals(image.pole_lines[:IMAGE_POLES], K)
     lane_points = thinned(cloud.lanes[ahead(cloud, cloud.lanes)], POINTS)
     pole_points = thinned(cloud.poles[ahead(cloud, cloud.poles)], POINTS)
+    limits = (cloud.height, reach_m, float(np.sin(np.deg2rad(APART_DEG))))
     along = np.abs(run @ cloud.R_ground_lidar[0]) > np.cos(np.deg2rad(15))
     found, values = [], []
     for family in (along, ~along):
         index = np.flatnonzero(family & forward)
         if len(index) < 2 or not len(poles):
             continue
-        poses, scores, count = _enumerate(
+        poses, scores = _enumerate(
             planes,
             uprights,
             np.ascontiguousarray(lanes[index]),
-            np.ascontiguousarray(run[index]),
+            run[index[0]].copy(),
             np.ascontiguousarray(poles),
             up,
-            cloud.height,
-            reach_m,
-            float(np.sin(np.deg2rad(APART_DEG))),
-            lane_points,
-            pole_points,
-            view.maps[0, 0],
-            view.maps[0, 1],
+            limits,
+            (lane_points, pole_points),
+            (view.maps[HEIGHTS, 0], view.maps[HEIGHTS, 1]),
             np.array(image.camera.intrinsics),
         )
-        found.append(poses[:count])
-        values.append(scores[:count])
+        found.append(poses)
+        values.append(scores)
     if not found:
         return np.zeros((0, 4, 4)), np.zeros(0)
     flat, score = np.concatenate(found), np.concatenate(values)
@@ -159,92 +156,116 @@ def different(poses: Array, most: int) -> Sequence[int]:
 
 
 @njit(cache=True, nogil=True)
-def _enumerate(  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0915
-    planes,
-    uprights,
-    lanes,
-    run,
-    poles,
-    up,
-    height,
-    reach,
-    apart,
-    lane_points,
-    pole_points,
-    lane_heights,
-    pole_heights,
-    intrinsics,
+def _enumerate(  # type: ignore[no-untyped-def]
+    planes, uprights, lanes, run, poles, up, limits, points, maps, intrinsics
 ):
     """The best pose of each pair of image lanes, image pole and rotation.
 
+    Args:
+        planes: (A, 3) normals of the image's lanes.
+        uprights: (B, 3) normals of its poles.
+        lanes: (L, 3) a point of each of the cloud's parallel lanes.
+        run: (3,) their direction.
+        poles: (P, 3) a point of each of the cloud's poles.
+        up: (3,) the ground's normal.
+        limits: Height of the LiDAR, reach, and least sine between two lanes' planes.
+        points: (N, 3) of lanes, and of poles, that judge.
+        maps: (h, w) heights of eq. (8) of lanes, and of poles.
+        intrinsics: (4,).
+
     Returns:
-        (C, 12) poses, (C,) costs J, and how many there are.
+        (C, 12) poses and (C,) costs J.
     """
-    size = len(planes) * (len(planes) - 1) // 2 * len(uprights) * 4
-    poses = np.empty((max(size, 1), 12))
-    scores = np.empty(max(size, 1))
+    size = max(len(planes) * (len(planes) - 1) // 2 * len(uprights) * 4, 1)
+    poses, scores = np.empty((size, 12)), np.empty(size)
     count = 0
-    pose = np.empty(12)
     N = np.empty((3, 3))
-    first = run[0]
     for a in range(len(planes)):
         for b in range(a):
             cross = np.cross(planes[a], planes[b])
-            if cross @ cross < apart * apart:
+            if cross @ cross < limits[2] * limits[2]:
                 continue
             for c in range(len(uprights)):
                 N[0], N[1], N[2] = planes[a], planes[b], uprights[c]
                 if abs(np.linalg.det(N)) < 1e-3:
                     continue
                 inverse = np.linalg.inv(N)
-                rotations, turned = turns(planes[a], planes[b], uprights[c], first, up)
+                rotations, turned = turns(planes[a], planes[b], uprights[c], run, up)
                 for k in range(turned):
-                    R = rotations[k]
                     # The image shows the sky above the road: up is up, within 60 degrees.
-                    if R[1] @ up > -0.5:
+                    if rotations[k, 1] @ up > -0.5:
                         continue
-                    best = 0.0
-                    above = R.T.copy()
-                    seen_lanes = np.empty((len(lanes), 3))
-                    for i in range(len(lanes)):
-                        seen_lanes[i] = R @ lanes[i]
-                    for m in range(len(poles)):
-                        pole = R @ poles[m]
-                        r3 = -(uprights[c] @ pole)
-                        for i in range(len(lanes)):
-                            r1 = -(planes[a] @ seen_lanes[i])
-                            for j in range(len(lanes)):
-                                if i == j:
-                                    continue
-                                r2 = -(planes[b] @ seen_lanes[j])
-                                t0 = inverse[0, 0] * r1 + inverse[0, 1] * r2 + inverse[0, 2] * r3
-                                t1 = inverse[1, 0] * r1 + inverse[1, 1] * r2 + inverse[1, 2] * r3
-                                t2 = inverse[2, 0] * r1 + inverse[2, 1] * r2 + inverse[2, 2] * r3
-                                if t0 * t0 + t1 * t1 + t2 * t2 > reach * reach:
-                                    continue
-                                if pole[2] + t2 < NEAR:
-                                    continue
-                                # The camera's place in the LiDAR frame is -R^T t.
-                                x = -(above[0, 0] * t0 + above[0, 1] * t1 + above[0, 2] * t2)
-                                y = -(above[1, 0] * t0 + above[1, 1] * t1 + above[1, 2] * t2)
-                                z = -(above[2, 0] * t0 + above[2, 1] * t1 + above[2, 2] * t2)
-                                if up[0] * x + up[1] * y + up[2] * z + height < LOWEST_M:
-                                    continue
-                                for row in range(3):
-                                    for column in range(3):
-                                        pose[3 * row + column] = R[row, column]
-                                pose[9], pose[10], pose[11] = t0, t1, t2
-                                score = mean_height(pose, pole_points, pole_heights, intrinsics)
-                                if score + 1.0 <= best:
-                                    continue
-                                score += mean_height(pose, lane_points, lane_heights, intrinsics)
-                                if score > best:
-                                    best = score
-                                    poses[count] = pose
-                                    scores[count] = score
-                    if best > 0.0:
+                    scores[count] = _best_translation(
+                        rotations[k],
+                        N,
+                        inverse,
+                        lanes,
+                        poles,
+                        up,
+                        limits,
+                        points,
+                        maps,
+                        intrinsics,
+                        poses[count],
+                    )
+                    if scores[count] > 0.0:
                         count += 1
-    return poses, scores, count
+    return poses[:count], scores[:count]
+
+
+@njit(cache=True, nogil=True)
+def _best_translation(  # type: ignore[no-untyped-def]
+    R, N, inverse, lanes, poles, up, limits, points, maps, intrinsics, best
+):
+    """Lay every two lanes and every pole on the image's three lines with one rotation.
+
+    Args:
+        R: 3x3.
+        N: 3x3, rows the normals of two image lanes and an image pole.
+        inverse: Its inverse.
+        lanes: See `_enumerate`, as the rest.
+        poles: (P, 3).
+        up: (3,).
+        limits: Three numbers.
+        points: Of lanes, and of poles.
+        maps: Of lanes, and of poles.
+        intrinsics: (4,).
+        best: (12,) the best pose; written to.
+
+    Returns:
+        Its cost J, 0 of none.
+    """
+    most = 0.0
+    pose = np.empty(12)
+    for row in range(3):
+        for column in range(3):
+            pose[3 * row + column] = R[row, column]
+    seen, level = lanes @ R.T, R @ up
+    for m in range(len(poles)):
+        pole = R @ poles[m]
+        r3 = -(N[2] @ pole)
+        for i in range(len(lanes)):
+            r1 = -(N[0] @ seen[i])
+            for j in range(len(lanes)):
+                if i == j:
+                    continue
+                r2 = -(N[1] @ seen[j])
+                for k in range(3):
+                    pose[9 + k] = inverse[k, 0] * r1 + inverse[k, 1] * r2 + inverse[k, 2] * r3
+                x, y, z = pose[9], pose[10], pose[11]
+                if x * x + y * y + z * z > limits[1] * limits[1] or pole[2] + z < NEAR:
+                    continue
+                # The camera's place in the LiDAR frame is -R^T t.
+                if limits[0] - (level[0] * x + level[1] * y + level[2] * z) < LOWEST_M:
+                    continue
+                score = mean_height(pose, points[1], maps[1], intrinsics, most - 1.0)
+                if score < 0.0:
+                    continue
+                beside = mean_height(pose, points[0], maps[0], intrinsics, most - score)
+                if beside >= 0.0 and score + beside > most:
+                    most = score + beside
+                    best[:] = pose
+    return most
 
 
 def lacking(view: RoadView, parallel: bool = True) -> str:  # noqa: PLR0911

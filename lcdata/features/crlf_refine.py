@@ -16,11 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features.nid_search import Stage, bfgs, shrinking_search
+from lcdata.features.crlf_ascent import agreement_slope, climb
+from lcdata.features.nid_search import Stage, shrinking_search
 from lcdata.features.road_cost import (
     class_means,
     flat_poses,
@@ -49,6 +51,9 @@ STRANGER = 0.25
 
 REACH = np.repeat([0.1, np.deg2rad(0.5)], 3)
 """Largest step of the last ascent, metres then radians."""
+
+CLIMB = 60
+"""Steps of an ascent at most."""
 
 
 def agreement(data: Stack, poses: Array, kind: int = FINE, step: int = 1) -> Array:
@@ -155,9 +160,13 @@ def refined(road: Road, starts: Array, box: Array, seed: int = 0) -> tuple[Array
     """
     T = starts[0]
     if len(starts) > 1:
-        found = [searched(stack(road, T[None]), T, box, seed, QUICK_SAMPLES, QUICK) for T in starts]
-        found = [polished(stack(road, T[None]), T, (COARSE,)) for T in found]
-        values = [agreement(stack(road, T[None]), T[None], COARSE)[0] for T in found]
+        found = np.empty((len(starts), 4, 4))
+        for k, T in enumerate(starts):
+            data = stack(road, T[None])
+            near = searched(data, T, box, seed, QUICK_SAMPLES, QUICK)
+            found[k] = polished(data, near, (COARSE,))
+        # All by the same points, or they could not be compared.
+        values = agreement(stack(road, found), found, COARSE)
         T, box = found[int(np.argmax(values))], 0.4 * box
     T = searched(stack(road, T[None]), T, box, seed)
     T = polished(stack(road, T[None]), T)
@@ -240,15 +249,26 @@ def slopes(data: Stack, T: Array, kind: int = FINE) -> tuple[float, Array]:
     return float((phi(lane, road, share) + pole).mean()), gradients
 
 
+def slope(data: Stack, T: Array, kind: int = FINE) -> Array:
+    """(6,) derivatives of the agreement by a left perturbation, metres then radians."""
+    gradient = np.empty(6)
+    agreement_slope(flat_poses(T)[0], compared(data, kind), gradient)
+    return gradient
+
+
 def polished(
     data: Stack, T: Array, kinds: Sequence[int] = (COARSE, FINE), reach: Array = REACH
 ) -> Array:
     """The top of the agreement near a pose, on the coarse and then on the fine maps."""
+    pose = flat_poses(T)[0]
     for kind in kinds:
+        pose = climb(pose, compared(data, kind), reach, CLIMB)
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
+    return result
 
-        def slope(pose: Array, kind: int = kind) -> tuple[float, Array]:
-            value, gradients = slopes(data, pose, kind)
-            return -value, -gradients.sum(0)
 
-        T, _ = bfgs(slope, T, reach, 30, 1e-6)
-    return T
+def compared(data: Stack, kind: int) -> tuple[NDArray[Any], ...]:
+    """What `crlf_ascent` takes of one kind of maps."""
+    maps, share = data.maps[kind], lane_share(data)
+    return data.points, data.start, maps, data.place, data.shape, data.intrinsics, share

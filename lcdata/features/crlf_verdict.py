@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.features.crlf_refine import REACH, agreement, part, polished, slopes
+from lcdata.features.crlf_refine import REACH, agreement, part, polished, slope, slopes
 from lcdata.features.road_cost import class_means, flat_poses
 from lcdata.features.road_view import COARSE, FINE, Road, RoadView, Stack, in_view, stack
 from lcdata.geometry import se3
@@ -161,8 +161,7 @@ def curvature(data: Stack, T: Array, probes: int = 32) -> Array | None:
     changes = np.empty((probes, 6))
     for place, change in zip(places, changes, strict=True):
         ahead, back = (
-            slopes(data, se3.exp(sign * place * PROBE) @ T, COARSE)[1].sum(0)
-            for sign in (1.0, -1.0)
+            slope(data, se3.exp(sign * place * PROBE) @ T, COARSE) for sign in (1.0, -1.0)
         )
         change[:] = -0.5 * (ahead - back) * PROBE
     H = np.linalg.lstsq(places, changes, rcond=None)[0]

@@ -27,6 +27,12 @@ degrees that a line reaches beyond its own bin."""
 OUTSIDE_COST = 0.7
 """Cost of a sample outside the image or behind the camera; 1 is that of one far from any line."""
 
+FULL_LENGTH = 200.0
+"""Projected length from which a line counts in full, pixels at a focal length of 1000.
+
+A camera that backs off sees all lines, small and crowded, each near some image line or other: what
+a line can prove is as much as the pixels that it covers."""
+
 NEAR = 0.1
 """Points closer to the camera's plane than this are behind it, metres."""
 
@@ -128,6 +134,7 @@ def chamfer(  # type: ignore[no-untyped-def]
     fx, fy = intrinsics[0] / stride, intrinsics[1] / stride
     cx, cy = (intrinsics[2] + 0.5) / stride, (intrinsics[3] + 0.5) / stride
     right, bottom = width - cx, height - cy
+    full = FULL_LENGTH * np.sqrt(fx * fy) / 1000.0
     for k in range(poses.shape[0]):
         r00, r01, r02, r10, r11, r12, r20, r21, r22, px, py, pz = poses[k]
         cost = 0.0
@@ -150,6 +157,10 @@ def chamfer(  # type: ignore[no-untyped-def]
                 cost += OUTSIDE_COST * weights[m]
                 continue
             vx, vy, vz = bx - ax, by - ay, bz - az
+            counts = 1.0
+            if az > NEAR and bz > NEAR:
+                du, dv = bx / bz - ax / az, by / bz - ay / az
+                counts = min(1.0, np.sqrt(du * du + dv * dv) / full)
             # Direction of the projected line l = K_l (a x v): (-l2, l1).
             angle = np.arctan2(ay * vz - az * vy, ax * vz - az * vx)
             offset = int(angle * (bins / np.pi) + bins) % bins * height * width
@@ -165,5 +176,6 @@ def chamfer(  # type: ignore[no-untyped-def]
                     total += flat[np.uint64(offset + int(v) * width + int(u))]
                 else:
                     outside += 1
-            cost += weights[m] * (total * (1.0 / 255.0) + OUTSIDE_COST * outside) / samples
+            inside = (total * (1.0 / 255.0) + OUTSIDE_COST * outside) / samples
+            cost += weights[m] * (counts * inside + (1.0 - counts) * OUTSIDE_COST)
         costs[k] += cost

@@ -13,8 +13,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.features.held import NOTHING, ROTATION, TRANSLATION
+from lcdata.features.line_least_squares import (
+    CAUCHY_SCALE,
+    Solution,
+    cauchy,
+    invert,
+    minimise,
+    unit_variance,
+)
 from lcdata.geometry import pluecker, se3
 from lcdata.geometry.se3 import exp, skew
+
+__all__ = [
+    "CAUCHY_SCALE",
+    "ROTATION_RATIO",
+    "TRANSLATION_RATIO",
+    "Problem",
+    "Solution",
+    "Solver",
+    "projection_system",
+    "singular_ratios",
+    "solve_decoupled",
+    "solve_pluecker",
+    "solve_projection",
+]
 
 Array = NDArray[np.float64]
 
@@ -23,12 +46,6 @@ ROTATION_RATIO = 0.02
 
 TRANSLATION_RATIO = 0.01
 """The same of the rows n', for translation."""
-
-CAUCHY_SCALE = 1.0
-"""Residual, in standard deviations, at which a line's weight has fallen to one half.
-
-Small, because good lines fit to a fraction of a pixel and every third is another edge beside
-the right one: a skirting board, a window's frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,35 +66,21 @@ class Problem:
     cloud_sigma: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """A pose and its fit.
-
-    Args:
-        T_camera_lidar: 4x4.
-        covariance: 6x6, left perturbation, metres and radians; infinite where undetermined.
-        weights: (N,) robust weight of each line, 0..1.
-        cost: Mean robust cost of a line, squared standard deviations.
-    """
-
-    T_camera_lidar: Array
-    covariance: Array
-    weights: Array
-    cost: float
-
-
 Solver = Callable[[Problem, Array], Solution]
 
 
-def solve_projection(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+def solve_projection(
+    problem: Problem, T_initial: Array, iterations: int = 20, hold: str = NOTHING
+) -> Solution:
     """Method I: Levenberg-Marquardt on the residuals of eq. (4).
 
     Args:
         problem: Three lines or more.
         T_initial: 4x4.
         iterations: At most so many steps.
+        hold: What stays as it is in `T_initial`, see `held.HOLDS`.
     """
-    return _minimise(projection_system(problem, T_initial), T_initial, iterations)
+    return minimise(projection_system(problem, T_initial), T_initial, iterations, hold)
 
 
 def projection_system(problem: Problem, T_near: Array) -> Callable[[Array], tuple[Array, Array]]:
@@ -106,7 +109,9 @@ def projection_system(problem: Problem, T_near: Array) -> Callable[[Array], tupl
     return evaluate
 
 
-def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+def solve_decoupled(
+    problem: Problem, T_initial: Array, iterations: int = 20, hold: str = NOTHING
+) -> Solution:
     """Method II as published: rotation from (11), then translation by linear least squares.
 
     Each residual is divided by its standard deviation; see `_Constraints`. Only the robust weight
@@ -114,31 +119,41 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
 
     Args:
         problem: Three lines or more.
-        T_initial: 4x4; only its rotation and the robust weights at it matter.
+        T_initial: 4x4; only its rotation and the robust weights at it matter, and what is held.
         iterations: At most so many alternations.
+        hold: What stays as it is in `T_initial`, see `held.HOLDS`; the other step alone is done.
     """
     system = _Constraints(problem, T_initial)
     T = np.array(T_initial, float)
     for _ in range(iterations):
         r, J, t, _ = system.evaluate(T)
-        weights, _ = _cauchy(0.5 * (r * r + t * t))
-        theta = -np.linalg.lstsq(J * weights[:, None] ** 0.5, r * weights**0.5, rcond=1e-12)[0]
+        weights, _ = cauchy(0.5 * (r * r + t * t))
+        root = weights[:, None] ** 0.5
+        theta: Array = np.zeros(3)
+        p: Array = T[:3, 3].copy()
+        if hold != ROTATION:
+            theta = -np.asarray(np.linalg.lstsq(J * root, r * root[:, 0], rcond=1e-12)[0], float)
         R = exp(np.concatenate([np.zeros(3), theta]))[:3, :3] @ T[:3, :3]
-        b = np.einsum("nc,nc->n", system.A, system.middle @ R.T)
-        p = -np.linalg.lstsq(system.A * weights[:, None] ** 0.5, b * weights**0.5, rcond=1e-12)[0]
+        if hold != TRANSLATION:
+            b = np.einsum("nc,nc->n", system.A, system.middle @ R.T)
+            p = -np.linalg.lstsq(system.A * root, b * root[:, 0], rcond=1e-12)[0]
         moved = float(np.abs(theta).max()) + 0.1 * float(np.abs(p - T[:3, 3]).max())
         T[:3, :3], T[:3, 3] = R, p
         if moved < 1e-8:
             break
 
     r, J, t, B = system.evaluate(T)
-    weights, cost = _cauchy(0.5 * (r * r + t * t))
+    weights, cost = cauchy(0.5 * (r * r + t * t))
     W = weights[:, None]
-    cov_theta = _invert((J * W).T @ J, _variance(r[:, None], weights, 3))
+    cov_theta, cov_p = np.zeros((3, 3)), np.zeros((3, 3))
+    if hold != ROTATION:
+        cov_theta = invert((J * W).T @ J, unit_variance(r[:, None], weights, 3))
     # The mean and the difference of a line's two end-point errors are independent.
     H = (system.A * W).T @ system.A
-    cov_p = _invert(H, _variance(t[:, None], weights, 3))
-    G = -np.linalg.lstsq(H, (system.A * W).T @ B, rcond=1e-15)[0] + skew(T[:3, 3])
+    G = skew(T[:3, 3])
+    if hold != TRANSLATION:
+        cov_p = invert(H, unit_variance(t[:, None], weights, 3))
+        G = G - np.linalg.lstsq(H, (system.A * W).T @ B, rcond=1e-15)[0]
     return Solution(
         T,
         np.block([[cov_p + G @ cov_theta @ G.T, G @ cov_theta], [cov_theta @ G.T, cov_theta]]),
@@ -147,7 +162,9 @@ def solve_decoupled(problem: Problem, T_initial: Array, iterations: int = 20) ->
     )
 
 
-def solve_pluecker(problem: Problem, T_initial: Array, iterations: int = 20) -> Solution:
+def solve_pluecker(
+    problem: Problem, T_initial: Array, iterations: int = 20, hold: str = NOTHING
+) -> Solution:
     """Method II with both constraints in rotation *and* translation.
 
     The co-parallel constraint holds the rotation too, which the published order of steps does
@@ -158,6 +175,7 @@ def solve_pluecker(problem: Problem, T_initial: Array, iterations: int = 20) -> 
         problem: Three lines or more.
         T_initial: 4x4.
         iterations: At most so many steps.
+        hold: What stays as it is in `T_initial`, see `held.HOLDS`.
     """
     system = _Constraints(problem, T_initial)
 
@@ -167,7 +185,7 @@ def solve_pluecker(problem: Problem, T_initial: Array, iterations: int = 20) -> 
         by_theta = np.stack([J, B - system.A @ skew(T[:3, 3])], 1)
         return np.stack([r, t], 1), np.concatenate([by_rho, by_theta], 2)
 
-    return _minimise(evaluate, T_initial, iterations)
+    return minimise(evaluate, T_initial, iterations, hold)
 
 
 class _Constraints:
@@ -258,65 +276,3 @@ def singular_ratios(problem: Problem, T: Array, weights: Array) -> tuple[float, 
         values = np.linalg.svd(matrix, compute_uv=False)
         ratios.append(float(values[2] / values[0]) if len(values) > 2 and values[0] > 0 else 0.0)
     return ratios[0], ratios[1]
-
-
-def _minimise(
-    evaluate: Callable[[Array], tuple[Array, Array]], T_initial: Array, iterations: int
-) -> Solution:
-    """Levenberg-Marquardt with a Cauchy loss a line.
-
-    Args:
-        evaluate: Gives at a pose (N, 2) residuals in standard deviations and their (N, 2, 6)
-            derivative by a left perturbation.
-        T_initial: 4x4.
-        iterations: At most so many steps.
-    """
-    T = np.array(T_initial, float)
-    r, J = evaluate(T)
-    weights, cost = _cauchy(0.5 * (r * r).sum(1))
-    damping = 1e-4
-    for _ in range(iterations):
-        H = np.einsum("nki,n,nkj->ij", J, weights, J)
-        gradient = np.einsum("nki,n,nk->i", J, weights, r)
-        step = -np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient, rcond=1e-15)[0]
-        T_next = exp(step) @ T
-        r_next, J_next = evaluate(T_next)
-        weights_next, cost_next = _cauchy(0.5 * (r_next * r_next).sum(1))
-        if cost_next > cost:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-            continue
-        done = cost - cost_next < 1e-9 * cost
-        T, r, J, weights, cost = T_next, r_next, J_next, weights_next, cost_next
-        damping = max(damping * 0.1, 1e-9)
-        if done:
-            break
-    H = np.einsum("nki,n,nkj->ij", J, weights, J)
-    return Solution(T, _invert(H, _variance(r, weights, 6)), weights, cost)
-
-
-def _cauchy(squared: Array) -> tuple[Array, float]:
-    """Weights and mean cost of squared residuals in standard deviations."""
-    scaled = squared / CAUCHY_SCALE**2
-    return 1.0 / (1.0 + scaled), float(CAUCHY_SCALE**2 * np.log1p(scaled).mean())
-
-
-def _variance(residuals: Array, weights: Array, unknowns: int) -> float:
-    """Variance of unit weight from the scatter of the residuals, at least 1.
-
-    The expected noise is the floor: a few lines that happen to fit well prove nothing.
-    """
-    freedom = residuals.shape[1] * weights.sum() - unknowns
-    if freedom < 1.0:
-        return 1.0
-    return max(1.0, float((weights[:, None] * residuals**2).sum() / freedom))
-
-
-def _invert(H: Array, variance: float) -> Array:
-    """Covariance of an information matrix; infinite variances where it is singular."""
-    diagonal = np.diag(H)
-    scale = np.sqrt(np.maximum(diagonal, 1e-12 * diagonal.max(initial=1e-12)))
-    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
-    values = np.maximum(values, 1e-14)
-    return np.asarray(variance * ((vectors / values) @ vectors.T) / np.outer(scale, scale))

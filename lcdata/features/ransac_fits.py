@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-VOTERS = 700
-"""Points that vote on a sampled line."""
+VOTERS, FITTED = 700, 10_000
+"""Points that vote on a sampled line, and those that a plane is fitted to, or few more."""
 
 
 def ransac_plane(
@@ -47,6 +47,8 @@ def ransac_plane(
     normal = np.cross(corner[1] - corner[0], corner[2] - corner[0])
     normal /= np.linalg.norm(normal)
     d = float(normal @ corner[0])
+    # So many determine a plane to a millimetre.
+    points = points[:: max(1, len(points) // FITTED)]
     for _ in range(5):
         on = points[np.abs(points @ normal - d) < half_m]
         if len(on) < 3:
@@ -123,35 +125,64 @@ def ransac_lines(
         first, second, count = _best_line(left, pairs, near_m, 0.5 * shortest_m, step)
         if count * step < fewest:
             break
-        direction = left[second] - left[first]
-        centre = left[first]
-        for _ in range(3):
-            direction = direction / np.linalg.norm(direction)
-            across = _across(left, centre, direction)
-            on = left[across < near_m]
-            if len(on) < 2:
-                break
-            centre = on.mean(0)
-            direction = np.linalg.eigh((on - centre).T @ (on - centre))[1][:, 1]
-        across = _across(left, centre, direction)
-        along = (left[across < near_m] - centre) @ direction
-        if len(along) >= fewest and np.ptp(along) >= shortest_m:
-            ends = np.array([along.min(), along.max()])
-            segments.append(centre + ends[:, None] * direction)
-            counts.append(len(along))
+        segment, count, across = _fitted(left, first, second, near_m)
+        if count >= fewest and np.linalg.norm(segment[1] - segment[0]) >= shortest_m:
+            segments.append(segment)
+            counts.append(count)
         gone = across < clear_m
-        gone[[first, second]] = True
-        left = np.ascontiguousarray(left[~gone])
+        gone[first] = gone[second] = True
+        left = left[~gone]
     return np.array(segments).reshape(-1, 2, 2), np.array(counts, np.int64)
 
 
-def _across(points: Array, centre: Array, direction: Array) -> Array:
-    offset = points - centre
-    return np.asarray(np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0]))
+@njit(cache=True, nogil=True)
+def _fitted(points, first, second, near):  # type: ignore[no-untyped-def]
+    """The line through two points, fitted three times to the points near it.
+
+    Returns:
+        (2, 2) from its first point to its last, their number, and (N,) distances of all.
+    """
+    cx, cy = points[first, 0], points[first, 1]
+    dx, dy = points[second, 0] - cx, points[second, 1] - cy
+    length = np.sqrt(dx * dx + dy * dy)
+    dx, dy = dx / length, dy / length
+    for _ in range(3):
+        n, sx, sy, sxx, sxy, syy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for m in range(len(points)):
+            x, y = points[m, 0] - cx, points[m, 1] - cy
+            if abs(x * dy - y * dx) < near:
+                n += 1
+                sx += x
+                sy += y
+                sxx += x * x
+                sxy += x * y
+                syy += y * y
+        if n < 2:
+            break
+        sx, sy = sx / n, sy / n
+        sxx, sxy, syy = sxx / n - sx * sx, sxy / n - sx * sy, syy / n - sy * sy
+        angle = 0.5 * np.arctan2(2.0 * sxy, sxx - syy)
+        cx, cy, dx, dy = cx + sx, cy + sy, np.cos(angle), np.sin(angle)
+    across = np.empty(len(points))
+    low, high, count = np.inf, -np.inf, 0
+    for m in range(len(points)):
+        x, y = points[m, 0] - cx, points[m, 1] - cy
+        across[m] = abs(x * dy - y * dx)
+        if across[m] < near:
+            along = x * dx + y * dy
+            low, high, count = min(low, along), max(high, along), count + 1
+    ends = np.array([[cx + low * dx, cy + low * dy], [cx + high * dx, cy + high * dy]])
+    return ends, count, across
 
 
 @njit(cache=True, nogil=True)
 def _best_line(points, pairs, near, apart, step):  # type: ignore[no-untyped-def]
+    """The pair of points whose line has most points near it, more than beside it."""
+    count = (len(points) + step - 1) // step
+    # Coordinates by themselves and sums without branches: the compiler takes several at once.
+    x, y = np.empty(count, np.float32), np.empty(count, np.float32)
+    for m in range(count):
+        x[m], y[m] = points[m * step, 0] - points[0, 0], points[m * step, 1] - points[0, 1]
     first, second, most = 0, 0, 0
     for k in range(len(pairs)):
         i, j = pairs[k]
@@ -160,15 +191,21 @@ def _best_line(points, pairs, near, apart, step):  # type: ignore[no-untyped-def
         if length < apart or length == 0.0:
             continue
         dx, dy = dx / length, dy / length
-        count, left, right = 0, 0, 0
-        for m in range(0, len(points), step):
-            off = (points[m, 0] - points[i, 0]) * dy - (points[m, 1] - points[i, 1]) * dx
-            if abs(off) < near:
-                count += 1
-            elif -3.0 * near < off < 0.0:
-                left += 1
-            elif 0.0 < off < 3.0 * near:
-                right += 1
-        if count - max(left, right) > most:
-            first, second, most = i, j, count - max(left, right)
+        away = (points[i, 0] - points[0, 0]) * dy - (points[i, 1] - points[0, 1]) * dx
+        votes = _votes(x, y, np.float32(dx), np.float32(dy), np.float32(away), np.float32(near))
+        if votes > most:
+            first, second, most = i, j, votes
     return first, second, most
+
+
+@njit(cache=True, nogil=True)
+def _votes(x, y, dx, dy, away, near):  # type: ignore[no-untyped-def]
+    """Points near a line, less those of the fuller band of the same width beside it."""
+    on, left, right = np.int32(0), np.int32(0), np.int32(0)
+    wide = np.float32(3.0) * near
+    for m in range(len(x)):
+        off = x[m] * dy - y[m] * dx - away
+        on += np.int32(abs(off) < near)
+        left += np.int32((off > -wide) & (off <= -near))
+        right += np.int32((off < wide) & (off >= near))
+    return on - max(left, right)

@@ -222,11 +222,11 @@ def _flatness(points: Array, normal: Array, d: float, half: float) -> float:
     low = (np.hypot(flat[:, 0], flat[:, 1]) < FLAT_REACH_M) & (np.abs(flat[:, 2] - d) < 1.5)
     if not low.any():
         return 0.0
-    cell = np.floor(flat[low, :2] / FLAT_CELL_M).astype(np.int64)
-    _, index = np.unique(cell @ [100_000, 1], return_inverse=True)
-    lowest = np.full(index.max() + 1, np.inf)
-    np.minimum.at(lowest, index, flat[low, 2] - d)
-    return float(np.mean(np.abs(lowest) < 1.5 * half))
+    side = int(np.ceil(2 * FLAT_REACH_M / FLAT_CELL_M))
+    cell = ((flat[low, :2] + FLAT_REACH_M) / FLAT_CELL_M).astype(np.int64) @ np.array([side, 1])
+    lowest = np.full(side * side, np.inf)
+    np.minimum.at(lowest, cell, flat[low, 2] - d)
+    return float(np.mean(np.abs(lowest[np.isfinite(lowest)]) < 1.5 * half))
 
 
 def _level(normal: Array) -> Array:

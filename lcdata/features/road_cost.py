@@ -47,9 +47,31 @@ def height_map(mask: Mask, gamma0: float = GAMMA0, gamma1: float = GAMMA1) -> Fl
     far = cv2.distanceTransform(outside, cv2.DIST_L1, 3)
     # City-block distances are whole numbers.
     steps = np.arange(sum(mask.shape) + 2)
-    inner = (1.0 - 0.5 * gamma0**steps).astype(np.float32)
-    outer = (0.5 * gamma1**steps).astype(np.float32)
-    return np.asarray(np.where(mask, inner[deep.astype(np.int32)], outer[far.astype(np.int32)]))
+    table = np.concatenate([0.5 * gamma1 ** steps[:0:-1], 1.0 - 0.5 * gamma0**steps])
+    result = np.empty(mask.shape, np.float32)
+    tabulate(deep, far, table.astype(np.float32), 1.0, 0.0, result)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def tabulate(deep, far, table, steps, shift, result):  # type: ignore[no-untyped-def]
+    """A table's values by the signed distance of each pixel to a mask's border.
+
+    Args:
+        deep: (h, w) distances to the outside, 0 there, pixels.
+        far: (h, w) distances to the inside, 0 there.
+        table: (2 n + 1,) float32 values, the border's in the middle; its ends go on.
+        steps: Entries a pixel.
+        shift: Pixels by which the border is nearer from either side.
+        result: (h, w) float32, where the values go.
+    """
+    middle = len(table) // 2
+    for row in range(deep.shape[0]):
+        for column in range(deep.shape[1]):
+            inside = deep[row, column]
+            depth = inside - shift if inside > 0.0 else shift - far[row, column]
+            index = int(depth * steps + middle)
+            result[row, column] = table[max(0, min(index, len(table) - 1))]
 
 
 def flat_poses(T: Array) -> Array:
@@ -74,12 +96,15 @@ def height_at(pose, x, y, z, table, intrinsics):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def mean_height(pose, points, table, intrinsics):  # type: ignore[no-untyped-def]
-    """Mean height of (N, 3) points for one (12,) pose; 0 of no points."""
-    total = 0.0
-    for i in range(len(points)):
+def mean_height(pose, points, table, intrinsics, least):  # type: ignore[no-untyped-def]
+    """Mean height of (N, 3) points for one (12,) pose; -1 as soon as it cannot exceed `least`."""
+    total, count = 0.0, len(points)
+    for i in range(count):
+        # No height is above 1.
+        if total + (count - i) <= least * count:
+            return -1.0
         total += height_at(pose, points[i, 0], points[i, 1], points[i, 2], table, intrinsics)
-    return total / max(len(points), 1)
+    return total / max(count, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +112,7 @@ def heights(poses, points, table, intrinsics):  # type: ignore[no-untyped-def]
     """Mean heights of (N, 3) points for (P, 12) poses: (P,)."""
     result = np.empty(len(poses))
     for k in range(len(poses)):
-        result[k] = mean_height(poses[k], points, table, intrinsics)
+        result[k] = mean_height(poses[k], points, table, intrinsics, -1.0)
     return result
 
 

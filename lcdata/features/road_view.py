@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.features.road_cloud import RoadCloud
-from lcdata.features.road_cost import GAMMA0, GAMMA1, NEAR, height_map
+from lcdata.features.road_cost import GAMMA0, GAMMA1, NEAR, height_map, tabulate
 from lcdata.features.road_image import FINEST, RoadImage
 from lcdata.geometry import se3
 
@@ -54,29 +54,27 @@ class RoadView:
 
 def road_view(cloud: RoadCloud, image: RoadImage) -> RoadView:
     """Maps of one pair's masks."""
-    both = [mask_maps(mask, image.focal) for mask in (image.lane, image.pole)]
-    return RoadView(cloud, image, np.stack(both, 1))
+    maps = np.zeros((3, 2, *image.lane.shape), np.float32)
+    for k, mask in enumerate((image.lane, image.pole)):
+        _draw(mask, image.focal, maps[:, k])
+    return RoadView(cloud, image, maps)
 
 
-def mask_maps(mask: Mask, focal: float) -> Floats:
-    """(3, h, w) maps of a mask; see `RoadView`."""
+def _draw(mask: Mask, focal: float, maps: Floats) -> None:
+    """Fill (3, h, w) maps of a mask; see `RoadView`."""
     import cv2
 
     if not mask.any():
-        return np.zeros((3, *mask.shape), np.float32)
+        return
     scale = FINEST / focal
-    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
-    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-    depth = np.where(mask, inside - 0.5, 0.5 - outside)
+    maps[HEIGHTS] = height_map(mask, GAMMA0**scale, GAMMA1**scale)
+    deep = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    far = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
     # A table spares millions of exponentials.
-    index = np.clip(depth * np.float32(STEPS) + np.float32(STEPS * DEEPEST), 0, STEPS * 2 * DEEPEST)
     steps = (np.arange(STEPS * 2 * DEEPEST + 1) / STEPS - DEEPEST) * scale
-    maps = np.empty((3, *mask.shape), np.float32)
-    maps[0] = height_map(mask, GAMMA0**scale, GAMMA1**scale)
-    for k, width in enumerate(SOFT):
-        table = (1.0 / (1.0 + np.exp(-np.clip(steps / width, -30, 30)))).astype(np.float32)
-        maps[1 + k] = table[index.astype(np.int32)]
-    return maps
+    for kind, width in zip((FINE, COARSE), SOFT, strict=True):
+        table = 1.0 / (1.0 + np.exp(-np.clip(steps / width, -30, 30)))
+        tabulate(deep, far, table.astype(np.float32), float(STEPS), 0.5, maps[kind])
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from lcdata.features.nid_registration import averaged
 from lcdata.features.nid_search import bfgs
 from lcdata.features.nid_views import BLOCK_GRID, BLOCKS
 from lcdata.features.wide_features import WideFeatures
-from lcdata.features.wide_objective import MOST_NID_POINTS, Images, Objective, Terms, views
+from lcdata.features.wide_objective import Images, Objective, Terms, View, views
 from lcdata.features.wide_search import FINE
 from lcdata.features.wide_surface import middle, scatter
 
@@ -23,8 +23,8 @@ Floats = NDArray[np.float32]
 REACH = np.repeat([0.05, np.deg2rad(0.3)], 3)
 """Largest step away from the search's result, metres then radians."""
 
-TERMS = Terms((), 0, (12, 6), 20_000, 1.0, MOST_NID_POINTS)
-"""Of the cost whose valley's middle is sought: all edges, and all points for NID."""
+TERMS = Terms((), 0, (12, 6), 20_000, 1.0, 6000)
+"""Of the cost whose valley's middle is sought: all edges, and points enough for NID."""
 
 HALVES = 24
 """Random halves of the images' parts whose minima tell the covariance."""
@@ -33,46 +33,64 @@ POINTS = 15_000
 """Points of a pair; more are thinned out."""
 
 
+def centred(frames: Sequence[View], T: Array) -> Array:
+    """The middle of the valley of NID and edges that the search's result lies in: 4x4.
+
+    Args:
+        frames: Of all frames, see `close_views`.
+        T: 4x4 result of the search.
+    """
+    return middle(Objective(frames, TERMS), T)
+
+
 def refined(
-    features: Sequence[WideFeatures],
-    pictures: Sequence[Images],
-    T: Array,
-    average: bool,
-    rng: np.random.Generator,
+    features: Sequence[WideFeatures], frames: Sequence[View], T: Array, rng: np.random.Generator
 ) -> Array:
     """The minimum of NID and edges next to the search's result: 4x4.
 
-    First the middle of the valley that the result lies in, then downhill from there.
+    First the middle of the valley that the result lies in, then downhill from there, and the mean
+    of the minima of random halves of points and edges.
+
+    Args:
+        features: Of all frames.
+        frames: The same, see `close_views`.
+        T: 4x4 result of the search.
+        rng: Of samples and halves.
+    """
+    T = centred(frames, T)
+    last = objective([f.nid for f in features], T, True).thinned(POINTS * len(features), rng)
+    found, _ = bfgs(last.slope, T, REACH, 30, 1e-7)
+    return averaged(last, found, 0.5 * REACH, rng)
+
+
+def close_views(
+    features: Sequence[WideFeatures],
+    pictures: Sequence[Images],
+    T: Array,
+    rng: np.random.Generator,
+) -> list[View]:
+    """All frames as sampled about the search's result.
 
     Args:
         features: Of all frames.
         pictures: Of all frames.
         T: 4x4 result of the search.
-        average: Take the mean of the minima of random halves of points and edges.
-        rng: Of samples and halves.
+        rng: Of the samples.
     """
-    frames = views(features, pictures, T, np.deg2rad(FINE.margin_deg), True, rng)
-    T = middle(Objective(frames, TERMS), T)
-    last = objective([f.nid for f in features], T, True).thinned(POINTS * len(features), rng)
-    found, _ = bfgs(last.slope, T, REACH, 30, 1e-7)
-    return averaged(last, found, 0.5 * REACH, rng) if average else found
+    return views(features, pictures, T, np.deg2rad(FINE.margin_deg), True, rng)
 
 
 def covariance(
-    features: Sequence[WideFeatures],
-    pictures: Sequence[Images],
-    T: Array,
-    rng: np.random.Generator,
+    features: Sequence[WideFeatures], frames: Sequence[View], T: Array, rng: np.random.Generator
 ) -> Array | None:
     """6x6 predicted covariance of an estimate; None where the cost is not curved upwards.
 
     Args:
         features: Of all frames.
-        pictures: Of all frames.
+        frames: The same, see `close_views`.
         T: 4x4 the estimate.
-        rng: Of samples and halves.
+        rng: Of the halves.
     """
-    frames = views(features, pictures, T, np.deg2rad(FINE.margin_deg), True, rng)
     whole = Objective(frames, TERMS)
     blocks = [
         (_blocks(f, v.edges, T), _blocks(f, v.lit, T))
@@ -96,7 +114,8 @@ def covariance(
                 )
             )
         halves.append(Objective(part, TERMS))
-    return scatter(whole, halves, T)
+    alone = [Objective([v], TERMS) for v in frames]
+    return scatter(whole, alone, halves, T)
 
 
 def _blocks(f: WideFeatures, points: Floats, T: Array) -> NDArray[np.int64]:

@@ -1,7 +1,7 @@
 """Look-ups of many poses in label maps and edge fields, compiled.
 
-Each kernel takes one frame and many poses: project all points, then look up, pose after pose. A
-pinhole's points are projected eight at a time in single precision, the other cameras' one by one.
+Each kernel takes one frame and many poses: project all points, then look up, pose after pose.
+Points are projected eight at a time in single precision.
 Maps have a border of one cell that stands for everything outside, so that no look-up asks whether
 a point is inside. numba kernels: import this module only where it is used.
 """
@@ -11,13 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from lcdata.features.wide_projection import NEAREST, pixels
 from lcdata.geometry.camera_formulas import PINHOLE
-from lcdata.geometry.camera_kernels import project_point
-
-FAST = {"contract", "arcp", "reassoc", "nsz"}
-
-NEAREST = np.float32(0.1)
-"""Points nearer to a pinhole's plane, or behind it, are outside, metres."""
+from lcdata.geometry.camera_kernels import FAST
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
@@ -57,21 +53,16 @@ def locate(model, parameters, pose, points, scale, height, width, cells):  # typ
             cell = np.int32(v) * np.int32(width) + np.int32(u)
             cells[i] = cell if front else np.int32(0)
     else:
+        us, vs = np.empty(n, np.float32), np.empty(n, np.float32)
+        pixels(model, parameters, pose, points, us, vs)
+        shift = half * scale + one
         for i in range(n):
-            x, y, z = np.float64(xs[i]), np.float64(ys[i]), np.float64(zs[i])
-            u, v, ok = project_point(
-                model,
-                parameters,
-                r00 * x + r01 * y + r02 * z + tx,
-                r10 * x + r11 * y + r12 * z + ty,
-                r20 * x + r21 * y + r22 * z + tz,
-            )
-            if not ok:
-                cells[i] = 0
-                continue
-            column = min(max((u + 0.5) * scale + 1.0, 0.0), float(width - 1))
-            row = min(max((v + 0.5) * scale + 1.0, 0.0), float(height - 1))
-            cells[i] = np.int32(row) * np.int32(width) + np.int32(column)
+            u, v = us[i] * scale + shift, vs[i] * scale + shift
+            u = u if u > zero else zero
+            v = v if v > zero else zero
+            u = u if u < right else right
+            v = v if v < bottom else bottom
+            cells[i] = np.int32(v) * np.int32(width) + np.int32(u)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")

@@ -29,7 +29,10 @@ REACH = 6.0
 """How far the middle may end from where it started, in standard deviations."""
 SETTLED = 0.1
 INFLATION = 2.6
-"""Variance of the estimate over the predicted one, measured on mixed groups of real frames."""
+"""Variance of the estimate over that by parts of images, at least: what a frame's parts have in
+common they do not tell. Measured on mixed groups of real frames."""
+PRIOR = 6.0
+"""Degrees of freedom that the scatter by parts counts beside that of the frames."""
 FLATTEST = 0.02
 """Least curvature that is believed, as a share of the largest."""
 
@@ -56,16 +59,22 @@ def middle(costs: Costs, T: Array) -> Array:
     return np.asarray(displaced(T, (place * SPREAD)[None])[0])
 
 
-def scatter(whole: Costs, halves: Sequence[Costs], T: Array) -> Array | None:
+def scatter(
+    whole: Costs, frames: Sequence[Costs], halves: Sequence[Costs], T: Array
+) -> Array | None:
     """6x6 covariance of the minimum of a cost, from those of random halves of its data.
 
     Half of the data has twice the variance, and half of that it shares with the whole: the halves'
     minima scatter about the whole's as that does about the truth (delete-half jackknife, Shao and
-    Wu 1989). All have the whole's curvature.
+    Wu 1989). All have the whole's curvature. Halves of the images' parts are many but blind to
+    what a frame has in common with itself, frames (White 1982, clustered) are few: how much they
+    scatter in all is the frames' word, which way mostly the halves', and that both together are
+    few is Student's factor.
 
     Args:
         whole: The cost, (P, 4, 4) poses to (P,).
-        halves: The same of halves of the data.
+        frames: The costs whose mean it is, of one frame each.
+        halves: The same of halves of every frame's parts.
         T: 4x4 the minimum.
 
     Returns:
@@ -86,14 +95,33 @@ def scatter(whole: Costs, halves: Sequence[Costs], T: Array) -> Array | None:
         return np.asarray(opposite @ (ahead - back))
 
     middle_slope = slope(whole)
-    shifts = np.array([inverse @ (slope(half) - middle_slope) for half in halves])
+    parts = np.array([slope(half) - middle_slope for half in halves])
+    slopes = _spread(parts, np.array([slope(frame) for frame in frames]))
     # From Exp(w) R, t + p to the left perturbation: the rotation turns the translation too.
     J = np.zeros((6, 6))
     J[:3, 3:], J[3:, :3] = np.eye(3), np.eye(3)
     J[:3, :3] = se3.skew(T[:3, 3])
-    twists = shifts * SPREAD @ J.T
-    covariance = INFLATION * twists.T @ twists / len(twists)
+    turned = (J * SPREAD) @ inverse
+    covariance = turned @ slopes @ turned.T
     return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _spread(parts: Array, frames: Array) -> Array:
+    """Covariance of the whole's slope.
+
+    Args:
+        parts: (K, 6) slopes of halves of all frames' parts, less the whole's.
+        frames: (N, 6) slopes of each frame.
+    """
+    within, free = parts.T @ parts / len(parts), len(frames) - 1
+    among, ratio = np.zeros((6, 6)), INFLATION
+    if free:
+        gaps = frames - frames.mean(axis=0)
+        among = gaps.T @ gaps / (free * len(frames))
+        ratio = max(float(np.trace(np.linalg.pinv(within) @ among)) / 6.0, INFLATION)
+    known = PRIOR + free
+    both = (PRIOR * ratio * within + free * among) / known
+    return np.asarray(both * known / (known - 2.0))
 
 
 def _design() -> tuple[Array, Array]:

@@ -40,6 +40,7 @@ class Outcome:
         protocol: What was done, in one paragraph, with seed and counts.
         tables: The figures.
         values: The same as numbers, for scripts.
+        pictures: PNG files by name.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Outcome:
     protocol: str
     tables: tuple[Table, ...]
     values: dict[str, Any] = field(default_factory=dict)
+    pictures: dict[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

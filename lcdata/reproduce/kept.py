@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Container, Hashable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from lcdata.errors import CalibrationError
 from lcdata.evaluation.pool import Crash, default_jobs, run_here, run_in_processes
@@ -21,6 +21,17 @@ class Keyed(Protocol):
     @property
     def key(self) -> Hashable:
         """Equal for a task and the row that comes of it."""
+
+
+class Parted(Protocol):
+    """A task of several rows, of which some may be done."""
+
+    @property
+    def keys(self) -> Sequence[Hashable]:
+        """Those of its rows."""
+
+    def only(self, keys: Container[Hashable]) -> Self:
+        """The task without the parts of other rows."""
 
 
 R = TypeVar("R", bound=Keyed)
@@ -79,12 +90,54 @@ def run_kept(
         CalibrationError: A process died.
     """
     waiting = deque(task for task in tasks if task.key not in kept.rows)
+    return _run(name, waiting, [task.key for task in tasks], kept, run, jobs, progress)
+
+
+def run_parts(
+    name: str,
+    tasks: Sequence[Parted],
+    kept: KeptRows[R],
+    run: Callable[[Any], Iterator[R]],
+    jobs: int | None,
+    progress: Progress | None,
+) -> list[R]:
+    """Run the parts of tasks that are not done; see `run_kept`.
+
+    Args:
+        name: Of the experiment, for the progress.
+        tasks: All of them.
+        kept: What is done; filled.
+        run: Yields a row for each key of one task; importable by name.
+        jobs: Processes; None for one a core.
+        progress: Called with the name, rows done and rows in all.
+
+    Returns:
+        The rows of all tasks.
+
+    Raises:
+        CalibrationError: A process died.
+    """
+    wanted = [key for task in tasks for key in task.keys]
+    missing = {key for key in wanted if key not in kept.rows}
+    waiting = deque(t.only(missing) for t in tasks if not missing.isdisjoint(t.keys))
+    return _run(name, waiting, wanted, kept, run, jobs, progress)
+
+
+def _run(
+    name: str,
+    waiting: deque[Any],
+    wanted: Sequence[Hashable],
+    kept: KeptRows[R],
+    run: Callable[[Any], Iterator[R]],
+    jobs: int | None,
+    progress: Progress | None,
+) -> list[R]:
     jobs = default_jobs() if jobs is None else jobs
     executor = run_here if jobs == 1 else partial(run_in_processes, jobs=jobs)
 
     def report() -> None:
         if progress:
-            progress(name, sum(task.key in kept.rows for task in tasks), len(tasks))
+            progress(name, sum(key in kept.rows for key in wanted), len(wanted))
 
     report()
     for item in executor(run, waiting):
@@ -92,4 +145,4 @@ def run_kept(
             raise CalibrationError(f"{item.task}: {item.reason}", "use fewer --jobs")
         kept.add(item)
         report()
-    return [kept.rows[task.key] for task in tasks]
+    return [kept.rows[key] for key in wanted]

@@ -12,6 +12,8 @@ EXPERIMENTS = {
     "crlf-fig7": "lcdata.reproduce.crlf_fig7",
     "crlf-table": "lcdata.reproduce.crlf_table",
     "nid-table": "lcdata.reproduce.nid_table",
+    "plk-fig5": "lcdata.reproduce.plk_fig5",
+    "plk-fig6": "lcdata.reproduce.plk_fig6",
     "plk-table1": "lcdata.reproduce.plk_table1",
 }
 """Name to the module whose `EXPERIMENT` it is; imported when it is asked for."""

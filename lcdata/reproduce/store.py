@@ -1,4 +1,4 @@
-"""An experiment's outcome as JSON, Markdown and CSV."""
+"""An experiment's outcome as JSON, Markdown, CSV and pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcdata.reproduce.experiment import Outcome, Table
 
 
 def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
-    """Write `<name>.json`, `<name>.md` and a CSV for each table.
+    """Write `<name>.json`, `<name>.md`, a CSV for each table, and its pictures.
 
     Returns:
         The files.
@@ -31,13 +31,15 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
             for t in outcome.tables
         ],
     }
-    files = {folder / f"{outcome.name}.json": json_text(content)}
-    files[folder / f"{outcome.name}.md"] = markdown(outcome)
+    texts = {folder / f"{outcome.name}.json": json_text(content)}
+    texts[folder / f"{outcome.name}.md"] = markdown(outcome)
     for number, table in enumerate(outcome.tables):
         suffix = f"-{number + 1}" if len(outcome.tables) > 1 else ""
-        files[folder / f"{outcome.name}{suffix}.csv"] = _csv(table)
-    for path, text in files.items():
-        write_bytes(path, text.encode())
+        texts[folder / f"{outcome.name}{suffix}.csv"] = _csv(table)
+    files = {path: text.encode() for path, text in texts.items()}
+    files |= {folder / name: picture for name, picture in outcome.pictures.items()}
+    for path, content_of_file in files.items():
+        write_bytes(path, content_of_file)
     return list(files)
 
 
@@ -49,6 +51,7 @@ def markdown(outcome: Outcome) -> str:
         lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
         parts += [f"## {table.title}", "\n".join(lines)]
         parts += [table.note] if table.note else []
+    parts += [f"![{name}]({name})" for name in outcome.pictures]
     return "\n\n".join(parts) + "\n"
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from lcdata.review.save import save_review
+from lcdata.review.arrange import Wanted
+from lcdata.review.save import Review, save_review
+from lcdata.review.selection import Selection
 from lcdata.review.viewer import open_viewer, serve
 
-__all__ = ["open_viewer", "save_review", "serve"]
+__all__ = ["Review", "Selection", "Wanted", "open_viewer", "save_review", "serve"]

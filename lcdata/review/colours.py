@@ -28,10 +28,26 @@ _METHODS: tuple[RGB, ...] = (
 )
 
 
+SIDES: tuple[RGB, RGB] = ((255, 150, 40), (90, 170, 255))
+"""Of the two sides of a comparison."""
+
+
 def of_sources(methods: Sequence[str]) -> dict[str, RGB]:
     """One colour each for the initial guess, the ground truth and the methods."""
     colours = {INITIAL: GREY, GROUND_TRUTH: GREEN}
     return colours | {m: _METHODS[i % len(_METHODS)] for i, m in enumerate(methods)}
+
+
+def of_sides(pairs: Sequence[tuple[str, str]]) -> dict[str, RGB]:
+    """Colours of what is compared two by two: a method's own, that of its A darker."""
+    if len(pairs) == 1:
+        return dict(zip(pairs[0], SIDES, strict=True))
+    found = {}
+    for number, (a, b) in enumerate(pairs):
+        red, green, blue = _METHODS[number % len(_METHODS)]
+        found[b] = red, green, blue
+        found[a] = int(0.55 * red), int(0.55 * green), int(0.55 * blue)
+    return found
 
 
 @cache

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lcdata.evaluation import metrics
 from lcdata.review import colours, names
@@ -70,6 +71,7 @@ SCENARIO_COLOURS: tuple[colours.RGB, ...] = ((62, 80, 108), (92, 112, 142))
 def send_errors(
     recording: rr.RecordingStream,
     trials: Trials,
+    colour: Mapping[str, colours.RGB],
     pair_ids: Sequence[str],
     poses: Sequence[PoseRecord],
     time: Callable[[Sequence[int]], list[Any]],
@@ -79,6 +81,7 @@ def send_errors(
     Args:
         recording: Where to send them.
         trials: What to show.
+        colour: Of each method.
         pair_ids: Names of the pairs in the order of the timeline.
         poses: The pose of each pair.
         time: Makes the time columns of some of the pairs, by their numbers.
@@ -86,37 +89,71 @@ def send_errors(
     Returns:
         Upper end of a sensible axis for each measure that has values, by its name.
     """
-    colour = colours.of_sources(trials.methods)
-    everywhere = range(len(pair_ids))
+    send_curves(recording, trials, colour, pair_ids, range(len(pair_ids)), time)
+    tops = axis_tops(trials, pair_ids)
+    send_references(recording, tops, poses, time)
+    return tops
+
+
+def send_curves(
+    recording: rr.RecordingStream,
+    trials: Trials,
+    colour: Mapping[str, colours.RGB],
+    pair_ids: Sequence[str],
+    numbers: Sequence[int],
+    time: Callable[[Sequence[int]], list[Any]],
+) -> None:
+    """The methods' curves, on the pairs of some numbers."""
+    for measure in MEASURES:
+        for method in trials.methods:
+            values = _values(measure, trials, method, [pair_ids[number] for number in numbers])
+            there = np.flatnonzero(np.isfinite(values))
+            if len(there):
+                path = names.series(names.ERRORS, measure.name, method)
+                rows = [numbers[i] for i in there.tolist()]
+                send_series(recording, path, time(rows), values[there].tolist())
+                style_series(recording, path, method, colour[method])
+
+
+def axis_tops(trials: Trials, pair_ids: Sequence[str]) -> dict[str, float]:
+    """Upper end of a sensible axis for each measure that has values, by its name."""
     tops = {}
     for measure in MEASURES:
-        folder = f"{names.ERRORS}/{measure.name}"
-        seen = []
-        for method in trials.methods:
-            rows, values = [], []
-            for i, pair_id in enumerate(pair_ids):
-                trial = trials.of_pair(pair_id).get(method)
-                value = measure.of_trial(trial) if trial else np.nan
-                if np.isfinite(value):
-                    rows.append(i)
-                    values.append(value)
-            if rows:
-                _send_series(recording, f"{folder}/{method}", time(rows), values)
-                _style(recording, f"{folder}/{method}", method, colour[method])
-            seen += values
-        if not seen:
+        found = [_values(measure, trials, method, pair_ids) for method in trials.methods]
+        values = np.concatenate([*found, []])
+        if np.isfinite(values).any():
+            tops[measure.name] = axis_top(values[np.isfinite(values)].tolist(), measure.limit)
+    return tops
+
+
+def send_references(
+    recording: rr.RecordingStream,
+    measures: Container[str],
+    poses: Sequence[PoseRecord],
+    time: Callable[[Sequence[int]], list[Any]],
+) -> None:
+    """What the methods' curves are to be seen against: limits, the ground truth's own error."""
+    everywhere = range(len(poses))
+    for measure in MEASURES:
+        if measure.name not in measures:
             continue
-        tops[measure.name] = axis_top(seen, measure.limit)
-        limit = [measure.limit] * len(pair_ids)
-        _send_series(recording, f"{folder}/{names.LIMIT}", time(everywhere), limit)
-        _style(recording, f"{folder}/{names.LIMIT}", "limit", colours.RED, marked=False)
+        path = names.series(names.ERRORS, measure.name, names.LIMIT)
+        send_series(recording, path, time(everywhere), [measure.limit] * len(poses))
+        style_series(recording, path, "limit", colours.RED, marked=False)
         if measure.of_truth:
             sigma = [measure.of_truth(pose) for pose in poses]
             if np.isfinite(sigma).all():
-                path = f"{folder}/{names.GROUND_TRUTH}"
-                _send_series(recording, path, time(everywhere), sigma)
-                _style(recording, path, "ground truth's own", colours.GREEN, marked=False)
-    return tops
+                path = names.series(names.ERRORS, measure.name, names.GROUND_TRUTH)
+                send_series(recording, path, time(everywhere), sigma)
+                style_series(recording, path, "ground truth's own", colours.GREEN, marked=False)
+
+
+def _values(
+    measure: Measure, trials: Trials, method: str, pair_ids: Sequence[str]
+) -> NDArray[np.float64]:
+    """(N,) errors of a method's shown trials; NaN where it has none."""
+    shown = [trials.of_pair(pair_id).get(method) for pair_id in pair_ids]
+    return np.array([measure.of_trial(trial) if trial else np.nan for trial in shown], float)
 
 
 def axis_top(values: Sequence[float], limit: float) -> float:
@@ -130,17 +167,19 @@ def axis_top(values: Sequence[float], limit: float) -> float:
     return float(np.clip(high, 1.5 * limit, max(6 * limit, low)))
 
 
-def _send_series(
+def send_series(
     recording: rr.RecordingStream, path: str, indexes: list[Any], values: Sequence[float]
 ) -> None:
+    """Send a curve."""
     import rerun as rr
 
     recording.send_columns(path, indexes, rr.Scalars.columns(scalars=list(values)))
 
 
-def _style(
+def style_series(
     recording: rr.RecordingStream, path: str, name: str, colour: colours.RGB, marked: bool = True
 ) -> None:
+    """Name and colour of a curve; without marks it is a thin line."""
     import rerun as rr
 
     line = rr.SeriesLines(colors=[colour], widths=[2.0 if marked else 1.0], names=[name])
@@ -154,7 +193,8 @@ def send_outcomes(
     recording: rr.RecordingStream,
     trials: Trials,
     records: Sequence[PairRecord],
-    indexes: list[Any],
+    time: Callable[[Sequence[int]], list[Any]],
+    numbers: Sequence[int] | None = None,
 ) -> None:
     """Lanes of the scenario and of every method's outcome.
 
@@ -162,23 +202,34 @@ def send_outcomes(
         recording: Where to send them.
         trials: What to show.
         records: The pairs in the order of the timeline.
-        indexes: Time columns with one entry a pair and one after the last, where the lanes end.
+        time: Makes the time columns of some of the pairs, by their numbers; the number after
+            the last is that of the end of the lanes.
+        numbers: Send these pairs' outcomes alone; None for all pairs and the scenarios.
     """
     import rerun as rr
 
-    def send(path: str, states: list[str]) -> None:
-        recording.send_columns(path, indexes, rr.StateChange.columns(state=[*states, ""]))
+    def send(path: str, rows: Sequence[int], states: list[str]) -> None:
+        recording.send_columns(path, time(rows), rr.StateChange.columns(state=states))
 
-    scenarios = sorted({record.scenario for record in records})
-    shades = [SCENARIO_COLOURS[i % len(SCENARIO_COLOURS)] for i in range(len(scenarios))]
-    style = rr.StateConfiguration(values=scenarios, colors=shades)
-    recording.log(names.SCENARIO, style, static=True)
-    send(names.SCENARIO, [record.scenario for record in records])
+    end = len(records)
+    if numbers is None:
+        scenarios = sorted({record.scenario for record in records})
+        shades = [SCENARIO_COLOURS[i % len(SCENARIO_COLOURS)] for i in range(len(scenarios))]
+        style = rr.StateConfiguration(values=scenarios, colors=shades)
+        recording.log(names.SCENARIO, style, static=True)
+        lane = [*(record.scenario for record in records), ""]
+        send(names.SCENARIO, range(end + 1), lane)
     style = rr.StateConfiguration(
         values=list(OUTCOME_COLOURS), colors=list(OUTCOME_COLOURS.values())
     )
     for method in trials.methods:
-        path = f"{names.OUTCOMES}/{method}"
+        path = f"{names.OUTCOMES}/{names.part(method)}"
         recording.log(path, style, static=True)
-        shown = [trials.of_pair(record.pair_id).get(method) for record in records]
-        send(path, [outcome(trial) if trial else "" for trial in shown])
+        # A state lasts until the next: one after each ends it.
+        rows = range(end) if numbers is None else numbers
+        ends = {end} | {row + 1 for row in rows}
+        wanted = sorted({*rows, *ends})
+        shown = [
+            None if n == end else trials.of_pair(records[n].pair_id).get(method) for n in wanted
+        ]
+        send(path, wanted, [outcome(trial) if trial else "" for trial in shown])

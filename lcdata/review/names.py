@@ -28,6 +28,7 @@ FRUSTUMS = "frustums"
 LINES = "lines"
 OVERLAYS = "overlays"
 ERRORS = "errors"
+DIFFERENCE = "difference"
 OUTCOMES = "outcomes"
 SCENARIO = "scenario"
 SUMMARY = "summary"
@@ -41,6 +42,7 @@ LANDSCAPE = "landscape"
 
 INITIAL = "initial"
 GROUND_TRUTH = "ground_truth"
+FORMER = "ground_truth_a"
 LIMIT = "limit"
 
 
@@ -49,9 +51,41 @@ def arm_frame(link: str) -> str:
     return ARM_PREFIX + link
 
 
-def image(scenario: str) -> str:
-    """Entity of a scenario's images."""
-    return f"{IMAGES}/{scenario}"
+def image(scenario: str, kind: str) -> str:
+    """Entity of a scenario's images of a kind, `jpeg` or `png`."""
+    return f"{IMAGES}/{part(scenario)}/{kind}"
+
+
+def overlay(source: str, what: str) -> str:
+    """Entity of what lies over the images of a source."""
+    return f"{OVERLAYS}/{part(source)}/{what}"
+
+
+def frustum(source: str) -> str:
+    """Entity of a source's frustum."""
+    return f"{FRUSTUMS}/{part(source)}"
+
+
+def lines(method: str) -> str:
+    """Entity of the lines in the cloud that a method matched."""
+    return f"{LINES}/{part(method)}"
+
+
+def series(folder: str, measure: str, source: str) -> str:
+    """Entity of a curve: of the errors or of the differences."""
+    return f"{folder}/{measure}/{part(source)}"
+
+
+def together(title: str) -> str:
+    """Folder of the verdict on two sources."""
+    return f"{title}.both"
+
+
+def part(name: str) -> str:
+    """A name as one part of an entity path: a label may well have spaces or an equals sign."""
+    import rerun as rr
+
+    return str(rr.escape_entity_path_part(name))
 
 
 def title(source: str) -> str:

@@ -25,6 +25,7 @@ from lcdata.review.one_pair_blueprint import blueprint
 from lcdata.review.one_pair_text import landscape_text, reading_text
 from lcdata.review.pairs import frustum
 from lcdata.review.save import recorded
+from lcdata.review.shown import Shown
 from lcdata.review.summary import pair_text
 from lcdata.review.trials import Trials, trials_of_pair
 from lcdata.review.verdict import framed, verdict
@@ -216,5 +217,4 @@ def _text(dataset: Dataset, pair_id: str, trials: Trials, *parts: str) -> str:
     """Markdown on the pair and what was made of it."""
     record = dataset.pair(pair_id)
     number = [r.pair_id for r in dataset.pairs].index(pair_id)
-    pose = dataset.pose(record.pose_id)
-    return "\n".join([pair_text(number, len(dataset.pairs), record, pose, trials), *parts])
+    return "\n".join([pair_text(number, record, Shown(dataset, trials)), *parts])

@@ -1,4 +1,4 @@
-"""A cloud and lines projected into the undistorted image."""
+"""A cloud and lines projected into the image as it was recorded, whatever its lens."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from lcdata.geometry.camera import Camera
 
 Array = NDArray[np.float64]
 
+BENT_POINTS = 24
+"""Points of a segment that a lens bends."""
+
 NEAREST_M = 0.05
 """Lines are cut off this far in front of the camera, where a projection still has sense."""
 
@@ -22,20 +25,70 @@ def project_cloud(
     """The points that lie in an image.
 
     Args:
-        camera: Camera without distortion.
+        camera: Camera of the image.
         T_camera_lidar: 4x4.
         points: (N, 3) in the LiDAR frame, metres.
         at_most: How many points to keep; they are taken evenly.
 
     Returns:
-        (M, 2) pixels and (M,) depths in metres.
+        (M, 2) pixels and (M,) distances in metres.
     """
     in_camera = se3.apply(T_camera_lidar, points)
+    if camera.model == "pinhole":
+        in_camera = in_camera[in_camera[:, 2] > 0]
     pixels, inside = camera.project(in_camera)
     kept = np.flatnonzero(inside)
     if len(kept) > at_most:
         kept = kept[np.linspace(0, len(kept) - 1, at_most).astype(int)]
-    return pixels[kept].astype(np.float32), in_camera[kept, 2].astype(np.float32)
+    distances = np.linalg.norm(in_camera[kept], axis=1)
+    return pixels[kept].astype(np.float32), distances.astype(np.float32)
+
+
+def project_strips(camera: Camera, T_camera_lidar: Array, segments: Array) -> list[Array]:
+    """Straight segments as they appear in an image: bent where the lens bends them.
+
+    Args:
+        camera: Camera of the image.
+        T_camera_lidar: 4x4.
+        segments: (M, 2, 3) end points in the LiDAR frame, metres.
+
+    Returns:
+        (K, 2) pixels each, cut at the image's border; those that are nowhere in it left out.
+    """
+    if not camera.is_distorted:
+        return list(project_segments(camera, T_camera_lidar, segments))
+    return _bent(camera, se3.apply(T_camera_lidar, segments.reshape(-1, 3)).reshape(-1, 2, 3))
+
+
+def image_strips(camera: Camera, segments: Array) -> list[Array]:
+    """Segments of the undistorted image as they appear in the recorded one.
+
+    Args:
+        camera: Camera of the image.
+        segments: (M, 2, 2) pixels of `camera.undistorted()`.
+
+    Returns:
+        As of `project_strips`.
+    """
+    if not camera.is_distorted:
+        return list(clip_segments(segments, (camera.width, camera.height)))
+    fx, fy, cx, cy = camera.undistorted().intrinsics
+    rays = np.dstack([(segments - [cx, cy]) / [fx, fy], np.ones(segments.shape[:2])])
+    return _bent(camera, rays)
+
+
+def _bent(camera: Camera, ends: Array) -> list[Array]:
+    """(M, 2, 3) segments in the camera frame as strips of pixels inside the image."""
+    share = np.linspace(0, 1, BENT_POINTS)[:, None]
+    points = ends[:, None, 0] + share * (ends[:, None, 1] - ends[:, None, 0])
+    pixels, inside = camera.project(points.reshape(-1, 3))
+    pixels, inside = pixels.reshape(*points.shape[:2], 2), inside.reshape(points.shape[:2])
+    strips = []
+    for line, seen in zip(pixels, inside, strict=True):
+        for run in np.split(np.arange(len(line)), np.flatnonzero(np.diff(seen)) + 1):
+            if seen[run[0]] and len(run) > 1:
+                strips.append(line[run])
+    return strips
 
 
 def project_segments(camera: Camera, T_camera_lidar: Array, segments: Array) -> Array:

@@ -1,9 +1,13 @@
-"""One pair: cloud, image, and how each extrinsic fits the one to the other."""
+"""Pairs as Rerun's columns: cloud, image, and how each extrinsic fits the one to the other.
+
+A block of pairs is sent at once, a chunk for each entity: many small messages take longer to
+write, and longer to open.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,264 +16,298 @@ from numpy.typing import NDArray
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
 from lcdata.review import colours, names
-from lcdata.review.overlay import clip_segments, project_cloud, project_segments
-from lcdata.review.trials import Trials, matches_of
-from lcdata.review.verdict import framed, verdict
+from lcdata.review.content import Content
+from lcdata.review.overlay import image_strips, project_strips
+from lcdata.review.shown import Shown
+from lcdata.review.trials import matches_of
+from lcdata.review.verdict import banner, verdicts
 
 if TYPE_CHECKING:
     import rerun as rr
 
-    from lcdata.pair import Pair
+    from lcdata.dataset.schema import PairRecord
 
 Array = NDArray[np.float64]
 
-OVERLAY_POINTS = 3000
-"""Points in an overlay: more cover the image that they are to be compared with."""
-
-OVERLAY_CANDIDATES = 40_000
-"""Points of a cloud that are projected, of which an overlay takes what it needs."""
-
-JPEG_QUALITY = 85
 WHITE = (255, 255, 255)
+FRAME_PX = 4.0
 
 
-class PairLogger:
-    """Logs pairs one after the other; holds none of them.
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A pair on the timelines.
 
     Args:
-        recording: Where to log.
-        trials: What to show beside the ground truth.
-        scenarios: Names of all scenarios.
-        thin: Every how many points of a cloud to keep.
+        number: Its place on the timeline `pair`.
+        record: Row of the data set.
+        content: What is shown of it.
+    """
+
+    number: int
+    record: PairRecord
+    content: Content
+
+
+class PairSender:
+    """Sends pairs block by block; holds none of them.
+
+    Args:
+        recording: Where to send them.
+        shown: What the review shows.
         frustum_m: Depth at which frustums end.
     """
 
-    def __init__(
-        self,
-        recording: rr.RecordingStream,
-        trials: Trials,
-        scenarios: Sequence[str],
-        *,
-        thin: int,
-        frustum_m: float,
-    ) -> None:
+    def __init__(self, recording: rr.RecordingStream, shown: Shown, *, frustum_m: float) -> None:
         self.recording = recording
-        self.trials = trials
-        self.thin = thin
+        self.shown = shown
         self.frustum_m = frustum_m
-        self.colours = colours.of_sources(trials.methods)
         self._camera: Camera | None = None
         self._image = ""
-        self._log_frames(scenarios)
+        self._entities: set[str] = set()
 
-    def log(self, pair: Pair, image_file: Path) -> None:
-        """Log a pair at the recording's present time.
+    def send(self, rows: Sequence[Row]) -> None:
+        """Send pairs, in the order of the timeline."""
+        if not rows:
+            return
+        times = time_columns(rows)
+        for row in rows:
+            self._send_camera(row)
+        self._send_images(rows)
+        self._send_clouds(rows, times)
+        for source in self.shown.sources:
+            self._send_overlay(source, rows, times)
+        self.send_results(rows)
 
-        Args:
-            pair: The pair, with its ground truth.
-            image_file: The image as recorded, whose bytes are used if it needs no undistortion.
-        """
-        import rerun as rr
-
-        assert pair.T_camera_lidar is not None
-        camera = pair.camera.undistorted()
-        self._log_camera(camera)
-        self._log_image(pair.scenario, rr.EncodedImage(**encoded_image(pair, image_file)))
-
-        x, y, z = pair.points.T  # a sum is finite where all three are, and much faster to test
-        returned = np.flatnonzero(np.isfinite(x + y + z))
-        kept = returned[:: self.thin]
-        points = np.ascontiguousarray(pair.points[kept], np.float32)
-        self._log_cloud(points, None if pair.intensity is None else pair.intensity[kept])
-
-        shown = self.trials.of_pair(pair.pair_id)
-        extrinsics: dict[str, Array | None] = {names.GROUND_TRUTH: pair.T_camera_lidar}
-        if self.trials.methods:
-            initial = next((t.T_camera_lidar_initial for t in shown.values()), None)
-            extrinsics[names.INITIAL] = initial
-        for method in self.trials.methods:
-            trial = shown.get(method)
-            extrinsics[method] = trial.T_camera_lidar_estimated if trial else None
-        if len(points) < OVERLAY_CANDIDATES:  # few rings: thinned, they would show no shape
-            step = -(-len(returned) // OVERLAY_CANDIDATES)
-            points = pair.points[returned[::step]] if len(returned) else points
-        overlays = {
-            source: project_cloud(
-                camera,
-                np.eye(4) if T is None else T,
-                points[: 0 if T is None else None],
-                OVERLAY_POINTS,
-            )
-            for source, T in extrinsics.items()
-        }
-        span = depth_span(overlays[names.GROUND_TRUTH][1])
-        for source, T in extrinsics.items():
-            self._log_overlay(source, *overlays[source], span)
-            self._log_verdict(source, camera, *verdict(source, pair, shown))
+    def send_results(self, rows: Sequence[Row]) -> None:
+        """Send what depends on results alone: verdicts, frustums and matched lines."""
+        times = time_columns(rows)
+        for view in self.shown.views:
+            self._send_verdicts(view.key, rows, times)
+        for source in self.shown.sources:
             if source != names.GROUND_TRUTH:
-                self._log_frustum(source, camera, T)
-        for method in self.trials.methods:
-            trial = shown.get(method)
-            lines = matches_of(trial, pair.pair_id) if trial else _no_lines()
-            self._log_lines(method, camera, extrinsics[method], *lines)
+                self._send_frustums(source, rows, times)
+        for method in self.shown.trials.methods:
+            self._send_lines(method, rows, times)
 
-    def _log_frames(self, scenarios: Sequence[str]) -> None:
-        """The frame of every entity, for all time: a view complains of one without."""
-        import rerun as rr
+    def send_overlay(self, source: str, rows: Sequence[Row]) -> None:
+        """Send one source's overlays alone."""
+        self._send_overlay(source, rows, time_columns(rows))
 
-        methods = self.trials.methods
-        guesses = [names.INITIAL, *methods] if methods else []
-        in_image = [names.image(scenario) for scenario in scenarios]
-        for source in (names.GROUND_TRUTH, *guesses):
-            in_image += [f"{names.OVERLAYS}/{source}/{part}" for part in ("cloud", "verdict")]
-        for method in methods:
-            in_image += [f"{names.OVERLAYS}/{method}/lines_{kind}" for kind in ("image", "cloud")]
-        in_lidar = [names.CLOUD, *(f"{names.FRUSTUMS}/{source}" for source in guesses)]
-        in_lidar += [f"{names.LINES}/{method}" for method in methods]
-        for frame, paths in ((names.FRAME_IMAGE, in_image), (names.FRAME_LIDAR, in_lidar)):
-            for path in paths:
-                self.recording.log(path, rr.CoordinateFrame(frame), static=True)
+    def _once(self, entity: str, *archetypes: Any) -> None:
+        """What an entity has for all time, among it its frame: a view complains of one without."""
+        if entity not in self._entities:
+            self._entities.add(entity)
+            self.recording.log(entity, *archetypes, static=True)
 
-    def _log_camera(self, camera: Camera) -> None:
+    def _send_camera(self, row: Row) -> None:
         """The ground truth's camera; again only when it changes."""
         import rerun as rr
 
+        camera = self.shown.dataset.camera(row.record.scenario)
         if camera == self._camera:
             return
         self._camera = camera
-        self.recording.log(
+        self.recording.send_columns(
             names.CAMERA,
-            rr.Pinhole(
-                image_from_camera=camera.K,
-                resolution=[camera.width, camera.height],
-                camera_xyz=rr.ViewCoordinates.RDF,
-                parent_frame=names.FRAME_CAMERA,
-                child_frame=names.FRAME_IMAGE,
-                image_plane_distance=self.frustum_m,
-                color=colours.GREEN,
+            time_columns([row]),
+            rr.Pinhole.columns(
+                image_from_camera=[plane(camera)],
+                resolution=[[camera.width, camera.height]],
+                camera_xyz=[rr.ViewCoordinates.RDF],
+                parent_frame=[names.FRAME_CAMERA],
+                child_frame=[names.FRAME_IMAGE],
+                image_plane_distance=[self.frustum_m],
+                color=[colours.GREEN],
             ),
         )
 
-    def _log_image(self, scenario: str, image: rr.EncodedImage) -> None:
-        """An entity for each scenario: the viewer takes encoded images for frames of a video.
+    def _send_images(self, rows: Sequence[Row]) -> None:
+        """An entity for each scenario and kind of file: the viewer takes images for a video.
 
         Frames must not change in size or coding, which those of another camera would.
         """
         import rerun as rr
 
-        path = names.image(scenario)
-        if self._image not in ("", path):
-            self.recording.log(self._image, rr.Clear(recursive=False))
-        self._image = path
-        self.recording.log(path, image)
+        groups: list[tuple[str, list[Row]]] = []
+        for row in rows:
+            kind = row.content.media_type.rpartition("/")[2]
+            entity = names.image(row.record.scenario, kind) if kind else ""
+            if not groups or groups[-1][0] != entity:
+                groups.append((entity, []))
+            groups[-1][1].append(row)
+        for entity, group in groups:
+            times = time_columns(group)
+            if self._image not in ("", entity):
+                cleared = rr.Clear.columns(is_recursive=[False])
+                self.recording.send_columns(self._image, time_columns(group[:1]), cleared)
+            self._image = entity
+            if entity:
+                self._once(entity, rr.CoordinateFrame(names.FRAME_IMAGE))
+                columns = rr.EncodedImage.columns(
+                    blob=[row.content.image for row in group],
+                    media_type=[row.content.media_type for row in group],
+                )
+                self.recording.send_columns(entity, times, columns)
 
-    def _log_cloud(self, points: NDArray[np.float32], intensity: NDArray[Any] | None) -> None:
+    def _send_clouds(self, rows: Sequence[Row], times: list[Any]) -> None:
         import rerun as rr
 
-        values = np.linalg.norm(points, axis=1) if intensity is None else intensity
-        self.recording.log(
+        self._once(
             names.CLOUD,
-            rr.Points3D(
-                points, colors=colours.by_intensity(values), radii=rr.Radius.ui_points(1.0)
-            ),
+            rr.CoordinateFrame(names.FRAME_LIDAR),
+            rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.0)),
         )
+        positions = np.concatenate([row.content.points for row in rows])
+        packed = np.concatenate([row.content.colours for row in rows])
+        columns = rr.Points3D.columns(positions=positions, colors=packed)
+        lengths = [len(row.content.points) for row in rows]
+        self.recording.send_columns(names.CLOUD, times, columns.partition(lengths))
 
-    def _log_overlay(
-        self,
-        source: str,
-        pixels: NDArray[np.float32],
-        depths: NDArray[np.float32],
-        span: tuple[float, float],
-    ) -> None:
+    def _send_overlay(self, source: str, rows: Sequence[Row], times: list[Any]) -> None:
         """The cloud in the image; nothing where there is no estimate."""
         import rerun as rr
 
-        self.recording.log(
-            f"{names.OVERLAYS}/{source}/cloud",
-            rr.Points2D(
-                pixels,
-                colors=colours.by_depth(depths, span),
-                radii=rr.Radius.ui_points(1.3),
-                draw_order=10.0,
-            ),
+        entity = names.overlay(source, "cloud")
+        self._once(
+            entity,
+            rr.CoordinateFrame(names.FRAME_IMAGE),
+            rr.Points2D.from_fields(radii=rr.Radius.ui_points(1.3), draw_order=10.0),
         )
+        overlays = [row.content.overlays[source] for row in rows]
+        columns = rr.Points2D.columns(
+            positions=np.concatenate([overlay.pixels for overlay in overlays]),
+            colors=np.concatenate([overlay.colours for overlay in overlays]),
+        )
+        lengths = [len(overlay.pixels) for overlay in overlays]
+        self.recording.send_columns(entity, times, columns.partition(lengths))
 
-    def _log_verdict(self, source: str, camera: Camera, text: str, colour: colours.RGB) -> None:
+    def _send_verdicts(self, key: str, rows: Sequence[Row], times: list[Any]) -> None:
         """A frame around the image that says in words and colour how wrong the extrinsic is."""
-        entity = f"{names.OVERLAYS}/{source}/verdict"
-        self.recording.log(entity, *framed((camera.width, camera.height), text, colour))
-
-    def _log_frustum(self, source: str, camera: Camera, T: Array | None) -> None:
         import rerun as rr
 
-        strips = [] if T is None else frustum(camera, T, self.frustum_m)
-        self.recording.log(
-            f"{names.FRUSTUMS}/{source}",
-            rr.LineStrips3D(strips, colors=[self.colours[source]], radii=rr.Radius.ui_points(1.5)),
+        entity = names.overlay(key, "verdict")
+        self._once(
+            entity,
+            rr.CoordinateFrame(names.FRAME_IMAGE),
+            rr.Boxes2D.from_fields(radii=rr.Radius.ui_points(2.0), draw_order=40.0),
+            rr.Image.from_fields(draw_order=50.0),
         )
+        sizes, frames, pictures = [], [], []
+        for row in rows:
+            camera = self.shown.dataset.camera(row.record.scenario)
+            lines, colour = verdicts(self.shown, key, row.record)
+            sizes.append([camera.width, camera.height])
+            frames.append(colour)
+            pictures.append(banner(lines, camera.height))
+        halves = 0.5 * (np.array(sizes, np.float32) - FRAME_PX)
+        boxes = rr.Boxes2D.columns(
+            half_sizes=halves, centers=0.5 * np.array(sizes, np.float32), colors=frames
+        )
+        formats = [
+            rr.components.ImageFormat(
+                width=p.shape[1],
+                height=p.shape[0],
+                color_model="L" if p.ndim == 2 else "RGB",
+                channel_datatype="U8",
+            )
+            for p in pictures
+        ]
+        images = rr.Image.columns(buffer=[p.tobytes() for p in pictures], format=formats)
+        self.recording.send_columns(entity, times, [*boxes, *images])
 
-    def _log_lines(
-        self,
-        method: str,
-        camera: Camera,
-        T: Array | None,
-        lines_lidar: Array,
-        lines_image: Array,
-    ) -> None:
-        """Matched lines: in the cloud, in the image (white), and the one put into the other."""
+    def _send_frustums(self, source: str, rows: Sequence[Row], times: list[Any]) -> None:
         import rerun as rr
 
-        if T is None:
-            lines_lidar, lines_image = _no_lines()
-            T = np.eye(4)
-        colour = self.colours[method]
-        self.recording.log(
-            f"{names.LINES}/{method}",
-            rr.LineStrips3D(
-                lines_lidar.astype(np.float32), colors=[colour], radii=rr.Radius.ui_points(1.5)
+        entity = names.frustum(source)
+        self._once(
+            entity,
+            rr.CoordinateFrame(names.FRAME_LIDAR),
+            rr.LineStrips3D.from_fields(
+                colors=[self.shown.colours[source]], radii=rr.Radius.ui_points(1.5)
             ),
         )
-        folder = f"{names.OVERLAYS}/{method}"
-        inside = clip_segments(lines_image, (camera.width, camera.height))
-        projected = project_segments(camera, T, lines_lidar)
-        for name, segments, segment_colour, radius, order in (
-            ("lines_image", inside, WHITE, 1.8, 20.0),
-            ("lines_cloud", projected, colour, 0.9, 30.0),  # thinner: white shows where they agree
-        ):
-            self.recording.log(
-                f"{folder}/{name}",
-                rr.LineStrips2D(
-                    segments.astype(np.float32),
-                    colors=[segment_colour],
-                    radii=rr.Radius.ui_points(radius),
-                    draw_order=order,
-                ),
+        strips, lengths = [], []
+        for row in rows:
+            T = self.shown.extrinsics(row.record)[source]
+            camera = self.shown.dataset.camera(row.record.scenario).undistorted()
+            found = [] if T is None else frustum(camera, T, self.frustum_m)
+            strips += [strip.astype(np.float32) for strip in found]
+            lengths.append(len(found))
+        columns = rr.LineStrips3D.columns(strips=strips)
+        self.recording.send_columns(entity, times, columns.partition(lengths))
+
+    def _send_lines(self, method: str, rows: Sequence[Row], times: list[Any]) -> None:
+        """Matched lines: in the cloud, in the image (white), and the one put into the other."""
+        colour = self.shown.colours[method]
+        in_cloud: list[Sequence[Array]] = []
+        in_image: list[Sequence[Array]] = []
+        projected: list[Sequence[Array]] = []
+        for row in rows:
+            trial = self.shown.trials.of_pair(row.record.pair_id).get(method)
+            T = trial.T_camera_lidar_estimated if trial else None
+            if trial is None or T is None:
+                for strips in (in_cloud, in_image, projected):
+                    strips.append([])
+                continue
+            lidar, image = matches_of(trial, row.record.pair_id)
+            camera = self.shown.dataset.camera(row.record.scenario)
+            in_cloud.append(list(lidar))
+            in_image.append(image_strips(camera, image))
+            projected.append(project_strips(camera, T, lidar))
+        self._send_strips(names.lines(method), in_cloud, times, colour, 1.5)
+        # Those of the image below and wider: white shows where they agree.
+        path = names.overlay(method, "lines_image")
+        self._send_strips(path, in_image, times, WHITE, 1.8, draw_order=20.0)
+        path = names.overlay(method, "lines_cloud")
+        self._send_strips(path, projected, times, colour, 0.9, draw_order=30.0)
+
+    def _send_strips(
+        self,
+        entity: str,
+        strips: Sequence[Sequence[Array]],
+        times: list[Any],
+        colour: colours.RGB,
+        radius: float,
+        draw_order: float | None = None,
+    ) -> None:
+        """Lines of each pair, in the image if they have an order there, else in the cloud."""
+        import rerun as rr
+
+        if entity not in self._entities and not any(strips):
+            return  # most methods match no lines
+        flat = [strip.astype(np.float32) for found in strips for strip in found]
+        lengths = [len(found) for found in strips]
+        radii = rr.Radius.ui_points(radius)
+        if draw_order is None:
+            style = rr.LineStrips3D.from_fields(colors=[colour], radii=radii)
+            self._once(entity, rr.CoordinateFrame(names.FRAME_LIDAR), style)
+            columns = rr.LineStrips3D.columns(strips=flat)
+        else:
+            style_2d = rr.LineStrips2D.from_fields(
+                colors=[colour], radii=radii, draw_order=draw_order
             )
+            self._once(entity, rr.CoordinateFrame(names.FRAME_IMAGE), style_2d)
+            columns = rr.LineStrips2D.columns(strips=flat)
+        self.recording.send_columns(entity, times, columns.partition(lengths))
 
 
-def encoded_image(pair: Pair, file: Path) -> dict[str, Any]:
-    """Bytes and media type of a pair's image without distortion, as `EncodedImage` takes them.
+def time_columns(rows: Sequence[Row]) -> list[Any]:
+    """Both timelines of some pairs."""
+    import rerun as rr
 
-    The recorded bytes where they are free of distortion: encoding anew costs time and quality.
-    """
-    import cv2
-
-    if not pair.camera.is_distorted:
-        media_type = "image/png" if file.suffix.lower() == ".png" else "image/jpeg"
-        return {"contents": file.read_bytes(), "media_type": media_type}
-    image = pair.camera.undistort(pair.image)
-    if image.ndim == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return {"contents": data.tobytes(), "media_type": "image/jpeg"}
+    stamps = np.array([row.record.stamp_lidar_ns for row in rows], "M8[ns]")
+    return [
+        rr.TimeColumn(names.PAIR, sequence=[row.number for row in rows]),
+        rr.TimeColumn(names.STAMP, timestamp=stamps),
+    ]
 
 
-def depth_span(depths: NDArray[np.float32]) -> tuple[float, float]:
-    """Depths in metres between which most of what the camera sees lies."""
-    if not len(depths):
-        return 1.0, 50.0
-    near, far = np.quantile(depths, [0.02, 0.98])
-    return float(near), float(max(far, near * 1.5))
+def plane(camera: Camera) -> Array:
+    """3x3 of the image plane that stands for a camera in 3D: as sharp in the middle."""
+    if camera.model == "pinhole":
+        return camera.K
+    fx, fy = camera.pixels_per_radian
+    return np.array([[fx, 0, camera.width / 2], [0, fy, camera.height / 2], [0, 0, 1.0]])
 
 
 def frustum(camera: Camera, T_camera_lidar: Array, depth_m: float) -> list[Array]:
@@ -282,7 +320,3 @@ def frustum(camera: Camera, T_camera_lidar: Array, depth_m: float) -> list[Array
     corners = se3.apply(T_lidar_camera, rays)
     eye = T_lidar_camera[:3, 3]
     return [np.vstack([corners, corners[:1]]), *(np.stack([eye, c]) for c in corners)]
-
-
-def _no_lines() -> tuple[Array, Array]:
-    return np.zeros((0, 2, 3)), np.zeros((0, 2, 2))

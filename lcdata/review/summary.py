@@ -10,6 +10,8 @@ import numpy as np
 
 from lcdata.evaluation import metrics
 from lcdata.review import uncertainty
+from lcdata.review.selection import trial_badness
+from lcdata.review.shown import Comparison, Shown
 from lcdata.review.text import count_text, error_text, number_text, uncertainty_text
 from lcdata.review.trials import (
     NO_ESTIMATE,
@@ -23,23 +25,27 @@ from lcdata.review.trials import (
 
 if TYPE_CHECKING:
     from lcdata.dataset.reader import Dataset
-    from lcdata.dataset.schema import PairRecord, PoseRecord
-    from lcdata.evaluation.results import TrialResult
+    from lcdata.dataset.schema import PairRecord
 
 WORST = 5
 """How many of a method's worst pairs are named."""
 
 
-def summary(dataset: Dataset, trials: Trials, arm_is_missing: bool = False, scale: int = 0) -> str:
+def summary(shown: Shown, arm_is_missing: bool = False, scale: int = 0, note: str = "") -> str:
     """Markdown summary of a data set and of the trials that are shown.
 
     Args:
-        dataset: The data set.
-        trials: What is shown.
+        shown: What the review shows.
         arm_is_missing: Whether the data set has an arm that could not be shown.
         scale: How much larger than life the ground truth's uncertainty is drawn; 0 if not at all.
+        note: What was thinned; empty for nothing.
     """
-    parts = [f"# {dataset.path.resolve().name}", _about(dataset)]
+    dataset, trials = shown.dataset, shown.trials
+    parts = [f"# {dataset.path.resolve().name}", _about(dataset), shown.note]
+    if note:
+        parts.append(f"To keep the file small, {note}.")
+    if shown.comparison is not None:
+        parts.append(_compared(shown.comparison))
     if trials.methods:
         parts += [_protocol(trials), _table(trials), _failures(dataset.pairs, trials)]
     else:
@@ -52,19 +58,19 @@ def summary(dataset: Dataset, trials: Trials, arm_is_missing: bool = False, scal
         lines = "\n".join(f"- {failure}" for failure in dataset.info.failures)
         parts.append(f"## Left out by the build\n\n{lines}")
     parts.append(_legend(bool(trials.methods), scale))
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def pair_text(number: int, count: int, record: PairRecord, pose: PoseRecord, trials: Trials) -> str:
+def pair_text(number: int, record: PairRecord, shown: Shown) -> str:
     """Markdown on one pair.
 
     Args:
         number: Its place on the timeline `pair`, from 0.
-        count: Number of pairs.
         record: Row of the pair.
-        pose: Its pose.
-        trials: What is shown.
+        shown: What the review shows.
     """
+    count, trials = len(shown.dataset), shown.trials
+    pose = shown.dataset.pose(record.pose_id)
     truth = metrics.groundtruth_sigma(pose.T_camera_lidar, pose.covariance)
     lines = [
         f"## {record.pair_id}",
@@ -73,10 +79,11 @@ def pair_text(number: int, count: int, record: PairRecord, pose: PoseRecord, tri
     ]
     if origin := uncertainty.budget_text(pose):
         lines.append(origin)
-    shown = trials.of_pair(record.pair_id)
-    if not shown:
-        return "\n\n".join(lines) + "\n"
-    first = next(iter(shown.values()))
+    found = trials.of_pair(record.pair_id)
+    if not found:
+        lines.append("No trial on this pair." if trials.methods else "")
+        return "\n\n".join(filter(None, lines)) + "\n"
+    first = next(iter(found.values()))
     lines.append(
         f"From {error_text(first.initial_rotation_error_deg, first.initial_translation_error_m)} "
         f"(trial {first.trial}):"
@@ -85,7 +92,7 @@ def pair_text(number: int, count: int, record: PairRecord, pose: PoseRecord, tri
         "| method | outcome | rotation (deg) | translation (m) | sigmas | lines | seconds |",
         "|---|---|---|---|---|---|---|",
     ]
-    for method, trial in shown.items():
+    for method, trial in found.items():
         matched = int((trial.matches.pair_index == trial.pair_ids.index(record.pair_id)).sum())
         cells = [
             method,
@@ -98,8 +105,22 @@ def pair_text(number: int, count: int, record: PairRecord, pose: PoseRecord, tri
         ]
         table.append(f"| {' | '.join(cells)} |")
     lines.append("\n".join(table))
-    lines += [f"{method}: {t.message}" for method, t in shown.items() if t.message]
+    lines += [f"{method}: {t.message}" for method, t in found.items() if t.message]
     return "\n\n".join(lines) + "\n"
+
+
+def _compared(comparison: Comparison) -> str:
+    parts = [
+        f"**A** (orange) is {comparison.a}, **B** (blue) is {comparison.b}. On the images that "
+        "have both, clouds have these colours. Series of B minus A are below zero where B is "
+        "nearer to the ground truth."
+    ]
+    if comparison.former:
+        parts.append(
+            "Errors are against B; the series `moved` is how far B is from A, and of a method how "
+            "much larger its error is against B than against A."
+        )
+    return " ".join(parts)
 
 
 def _about(dataset: Dataset) -> str:
@@ -191,7 +212,7 @@ def _failures(records: Sequence[PairRecord], trials: Trials) -> str:
         for number, record in enumerate(records):
             trial = trials.of_pair(record.pair_id).get(method)
             if trial and outcome(trial) in (WRONG, WRONG_FLAGGED, NO_ESTIMATE):
-                wrong.append((_badness(trial), number, record.pair_id, trial))
+                wrong.append((trial_badness(trial), number, record.pair_id, trial))
         if not wrong:
             lines.append(f"**{method}**: wrong on no pair that is shown.")
             continue
@@ -207,21 +228,11 @@ def _failures(records: Sequence[PairRecord], trials: Trials) -> str:
     return "\n\n".join(lines)
 
 
-def _badness(trial: TrialResult) -> float:
-    """How wrong: errors in units of the limits; no estimate is the worst."""
-    if trial.failed:
-        return math.inf
-    return max(
-        trial.rotation_error_deg / metrics.SUCCESS_ROTATION_DEG,
-        trial.translation_error_m / metrics.SUCCESS_TRANSLATION_M,
-    )
-
-
 def _legend(with_methods: bool, scale: int) -> str:
     text = (
         "## How to read it\n\n"
-        "Step through the timeline `pair`. The cloud on the images is coloured by depth, near is "
-        "red, far is blue: where the extrinsic is right, colours change at the edges of things. "
+        "Step through the timeline `pair`. The cloud on the images is coloured by distance, near "
+        "is red, far is blue: where the extrinsic is right, colours change at the edges of things. "
         "The green camera in 3D is the ground truth's."
     )
     if scale:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcdata.errors import ReportError
-from lcdata.evaluation.results import TrialResult, read_run
+from lcdata.evaluation.results import Results, TrialResult, read_run
 from lcdata.review.colours import RGB
 
 if TYPE_CHECKING:
@@ -70,6 +72,15 @@ class Trials:
                 counts[key] = counts.get(key, 0) + 1
         return max(counts.values(), default=0)
 
+    def on(self, pair_ids: Collection[str], methods: Collection[str] | None = None) -> Trials:
+        """Those on some of the pairs, and of some of the methods."""
+        kept = tuple(
+            t
+            for t in self.all
+            if (methods is None or t.method in methods) and not set(t.pair_ids).isdisjoint(pair_ids)
+        )
+        return replace(self, all=kept)
+
     @cached_property
     def _shown(self) -> dict[tuple[str, str], TrialResult]:
         first: dict[tuple[str, str], TrialResult] = {}
@@ -101,15 +112,30 @@ def choose_trials(dataset: Dataset, run: str | None = None) -> Trials:
         run = max(paths, key=lambda name: (paths[name].stat().st_mtime_ns, name), default="")
     if run not in paths:
         return Trials(other_runs=tuple(paths))
-    current, stale = read_run(paths[run]).split_stale(dataset)
-    known = {pose.pose_id for pose in dataset.poses}
-    renewed = tuple(t for t in stale.recomputed(dataset).trials if t.pose_id in known)
-    return Trials(
-        run=run,
-        all=current.trials + renewed,
-        stale=len(renewed),
-        other_runs=tuple(name for name in paths if name != run),
+    others = tuple(name for name in paths if name != run)
+    return replace(trials_of_file(dataset, paths[run]), other_runs=others)
+
+
+def trials_of_file(dataset: Dataset, path: Path) -> Trials:
+    """The trials of a results file, errors against the data set's present ground truth.
+
+    Trials on poses or pairs that the data set does not have are left out.
+
+    Raises:
+        ReportError: A results file that cannot be read.
+    """
+    pairs = {record.pair_id for record in dataset.pairs}
+    poses = {pose.pose_id for pose in dataset.poses}
+    known = Results(
+        tuple(
+            t
+            for t in read_run(path).trials
+            if t.pose_id in poses and not pairs.isdisjoint(t.pair_ids)
+        )
     )
+    current, stale = known.split_stale(dataset)
+    renewed = stale.recomputed(dataset).trials
+    return Trials(run=path.stem, all=current.trials + renewed, stale=len(renewed))
 
 
 def trials_of_pair(dataset: Dataset, pair_id: str, method: str | None = None) -> Trials:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,23 +11,88 @@ from numpy.typing import NDArray
 from lcdata.evaluation import metrics
 from lcdata.review import colours, names
 from lcdata.review.text import error_text, uncertainty_text
-from lcdata.review.trials import OUTCOME_COLOURS, outcome
+from lcdata.review.trials import (
+    NO_ESTIMATE,
+    OUTCOME_COLOURS,
+    RIGHT,
+    RIGHT_FLAGGED,
+    UNDECIDED,
+    WRONG,
+    WRONG_FLAGGED,
+    outcome,
+)
 
 if TYPE_CHECKING:
+    from lcdata.dataset.schema import PairRecord, PoseRecord
     from lcdata.evaluation.results import TrialResult
     from lcdata.pair import Pair
+    from lcdata.review.shown import Shown
 
 FRAME_PX = 4.0
 SHARE = 0.07
-"""Height of a banner as a share of the image's."""
+"""Height of a banner's line as a share of the image's."""
+
+WHITE: colours.RGB = (255, 255, 255)
 
 
-def verdict(source: str, pair: Pair, shown: dict[str, TrialResult]) -> tuple[str, colours.RGB]:
-    """What the frame around an image says, and its colour.
+Line = tuple[str, colours.RGB]
+"""Words of a banner, and their colour."""
+
+SEVERITY = (NO_ESTIMATE, WRONG, WRONG_FLAGGED, UNDECIDED, RIGHT_FLAGGED, RIGHT)
+"""Outcomes, the worst first."""
+
+
+def verdicts(shown: Shown, key: str, record: PairRecord) -> tuple[tuple[Line, ...], colours.RGB]:
+    """What the frame around a view's image says, and its colour.
+
+    Args:
+        shown: What the review shows.
+        key: Of the view.
+        record: Row of the pair.
+
+    Returns:
+        Lines of words with their colours, and the frame's colour: of two that are compared that
+        of the worse.
+    """
+    view = next(view for view in shown.views if view.key == key)
+    trials = shown.trials.of_pair(record.pair_id)
+    pose = shown.dataset.pose(record.pose_id)
+    comparison = shown.comparison
+    if len(view.sources) == 1 or comparison is None:
+        (source,) = view.sources
+        if source == names.FORMER and comparison is not None:
+            former = comparison.former.get(record.pose_id)
+            if former is None:
+                return (("no such pose then", WHITE),), colours.GREY
+            text, colour = verdict(names.GROUND_TRUTH, former, trials)
+        else:
+            text, colour = verdict(source, pose, trials)
+        return ((text, WHITE),), colour
+    if shown.of_truths:
+        former = comparison.former.get(record.pose_id)
+        if former is None:
+            return (("no such pose in A", WHITE),), colours.GREY
+        T_a, T_b = former.T_camera_lidar, pose.T_camera_lidar
+        apart = metrics.rotation_error_deg(T_b, T_a), metrics.translation_error_m(T_b, T_a)
+        text = f"A and B: {error_text(*apart)} apart"
+        return ((text, WHITE),), colours.GREY
+    lines, worst = [], len(SEVERITY)
+    for side, colour, source in zip("AB", colours.SIDES, view.sources, strict=True):
+        lines.append((f"{side} {verdict(source, pose, trials)[0]}", colour))
+        if source in trials:
+            worst = min(worst, SEVERITY.index(outcome(trials[source])))
+    frame = OUTCOME_COLOURS[SEVERITY[worst]] if worst < len(SEVERITY) else colours.GREY
+    return tuple(lines), frame
+
+
+def verdict(
+    source: str, pair: Pair | PoseRecord, shown: dict[str, TrialResult]
+) -> tuple[str, colours.RGB]:
+    """What the frame around an image says of one source, and its colour.
 
     Args:
         source: A method, or one of the two constants.
-        pair: The pair.
+        pair: The pair, or its pose.
         shown: The shown trial of each method.
     """
     if source == names.GROUND_TRUTH:
@@ -66,18 +132,18 @@ def framed(size: tuple[int, int], text: str, colour: colours.RGB) -> tuple[Any, 
             radii=rr.Radius.ui_points(2.0),
             draw_order=40.0,
         ),
-        rr.Image(banner(text, size[1]), color_model="L", draw_order=50.0),
+        rr.Image(banner(((text, WHITE),), size[1]), color_model="L", draw_order=50.0),
     )
 
 
-def banner(text: str, image_height: int) -> NDArray[np.uint8]:
-    """White text on a dark ground as a grey picture, (H, W).
+def banner(lines: Sequence[Line], image_height: int) -> NDArray[np.uint8]:
+    """Text on a dark ground as a picture: (H, W) if it is white, (H, W, 3) RGB if coloured.
 
     A picture, for the viewer's own labels fade on one of its two themes; and not an encoded
     one, for it takes those for frames of a video, whose size must not change.
 
     Args:
-        text: ASCII, which is what OpenCV's font has.
+        lines: ASCII, which is what OpenCV's font has, and colours.
         image_height: Height in pixels of the image that it goes on.
     """
     import cv2
@@ -86,8 +152,12 @@ def banner(text: str, image_height: int) -> NDArray[np.uint8]:
     font = cv2.FONT_HERSHEY_DUPLEX
     scale = cv2.getFontScaleFromHeight(font, max(6, round(0.5 * height)))
     pen = max(1, height // 24)
-    width = cv2.getTextSize(text, font, scale, pen)[0][0] + height
-    picture = np.full((height, width), 24, np.uint8)
-    place = height // 2, round(0.76 * height)
-    cv2.putText(picture, text, place, font, scale, 255, pen, cv2.LINE_AA)
+    widths = [cv2.getTextSize(text, font, scale, pen)[0][0] for text, _ in lines]
+    grey = all(colour == WHITE for _, colour in lines)
+    shape = (height * len(lines), max(widths) + height) + (() if grey else (3,))
+    picture = np.full(shape, 24, np.uint8)
+    for number, (text, colour) in enumerate(lines):
+        place = height // 2, round(0.76 * height) + number * height
+        ink = 255 if grey else colour
+        cv2.putText(picture, text, place, font, scale, ink, pen, cv2.LINE_AA)
     return picture

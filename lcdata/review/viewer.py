@@ -24,14 +24,23 @@ def open_viewer(path: Path) -> None:
     Raises:
         ReportError: No such file, no display, or a viewer that cannot start.
     """
+    check_display(f"{path} cannot be shown")
+    _run([viewer_command(), str(_existing(path))])
+
+
+def check_display(what: str) -> None:
+    """Refuse to open a window where there is no display.
+
+    Raises:
+        ReportError: There is none.
+    """
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
         raise ReportError(
-            f"{path} cannot be shown: this machine has no display",
-            "use --serve to show it in a browser, or open the file elsewhere with `rerun FILE`",
+            f"{what}: this machine has no display",
+            "use --serve to show it in a browser, or open a file elsewhere with `rerun FILE`",
         )
-    _run([viewer_command(), str(_existing(path))])
 
 
 def serve(path: Path, *, port: int = WEB_PORT, open_browser: bool = True) -> None:
@@ -47,8 +56,7 @@ def serve(path: Path, *, port: int = WEB_PORT, open_browser: bool = True) -> Non
     """
     path = _existing(path)
     web, grpc = _free_port(port), _free_port(GRPC_PORT)
-    source = f"rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{grpc}%2Fproxy"
-    print(f"http://{LOCAL}:{web}/?url={source}", flush=True)
+    print(viewer_url(web=web, grpc=grpc), flush=True)
     _run(serve_command(path, web=web, grpc=grpc, open_browser=open_browser))
 
 
@@ -57,6 +65,25 @@ def serve_command(path: Path, *, web: int, grpc: int, open_browser: bool) -> lis
     ports = ["--bind", LOCAL, "--port", str(grpc), "--web-viewer-port", str(web)]
     show = "--web-viewer" if open_browser else "--serve-web"
     return [viewer_command(), str(path), show, *ports, "--server-memory-limit", SERVER_MEMORY]
+
+
+def live_command(*, in_browser: bool, port: int | None = None) -> tuple[list[str], int, int]:
+    """Command of a viewer, or server for a browser, that waits for a recording.
+
+    Returns:
+        The command, the port that it listens at, and the port of the browser's page.
+    """
+    web, grpc = _free_port(port or WEB_PORT), _free_port(GRPC_PORT)
+    ports = ["--bind", LOCAL, "--port", str(grpc)]
+    command = [viewer_command(), *ports, "--server-memory-limit", SERVER_MEMORY]
+    if in_browser:
+        command += ["--serve-web", "--web-viewer-port", str(web)]
+    return command, grpc, web
+
+
+def viewer_url(*, web: int, grpc: int) -> str:
+    """Address of the viewer's page that shows what a server of this machine has."""
+    return f"http://{LOCAL}:{web}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{grpc}%2Fproxy"
 
 
 def viewer_command() -> str:

@@ -9,7 +9,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "review"))  # data set of a room
 
 from box_room import CLEAN, make
+from typer.testing import CliRunner
 
+from lcdata.cli.app import app
 from lcdata.dataset import Dataset
 
 
@@ -34,12 +36,22 @@ def test_one_pair_is_written_into_the_report(lcdata, dataset):
     ("options", "message"),
     [
         (["--pair", "lab/pose_000/007"], "no pair 'lab/pose_000/007'"),
-        (["--method", "nid"], "are for one pair: give --pair"),
+        (["--pair", "lab/pose_000/00"], "did you mean lab/pose_000/000?"),
+        (["--method", "nid"], "there are no results of nid"),
+        (["--worst", "3"], "--worst 3 needs results"),
+        (["--scenario", "lap"], "no scenario 'lap' to show: did you mean lab?"),
+        (["--pose", "pose_007"], "no pose 'pose_007' to show: did you mean lab/pose_000?"),
+        (["--compare", "other"], "no results to compare with 'other'"),
+        (["--ground-truth", "first", "present"], "has one version of its ground truth"),
+        (["--run", "x"], "has no run 'x': stored are none"),
+        (["--points", "9", "--thin", "2"], "both say what to keep"),
+        (["--reach-rotation", "1"], "are for one pair: give one --pair alone"),
     ],
 )
-def test_what_cannot_be_shown_is_told_in_one_line(lcdata, dataset, tmp_path, options, message):
-    done = lcdata("review", dataset.path, "--save", tmp_path / "x.rrd", *options)
-    assert done.returncode == 1
+def test_what_cannot_be_shown_is_told_in_one_line(dataset, tmp_path, options, message):
+    command = ["review", str(dataset.path), "--save", str(tmp_path / "x.rrd"), *options]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 1
     assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())

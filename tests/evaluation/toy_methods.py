@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import cv2
@@ -122,6 +123,35 @@ class Habit(Blobs):
             os._exit(3)
         if self.habit == "sleep":
             time.sleep(600)
+
+
+@dataclass(frozen=True)
+class Slow(Blobs):
+    """Takes its time for each estimate."""
+
+    name: ClassVar[str] = "slow"
+    seconds: float = 0.3
+
+    def calibrate(
+        self, pairs: Sequence[Pair], initial: Any, prepared: Sequence[Any] | None = None
+    ) -> Calibration:
+        time.sleep(self.seconds)
+        return super().calibrate(pairs, initial, prepared)
+
+
+@dataclass(frozen=True)
+class Masked(Blobs):
+    """Reads a folder that a parameter names."""
+
+    name: ClassVar[str] = "masked"
+    masks: str = ""
+
+    def calibrate(
+        self, pairs: Sequence[Pair], initial: Any, prepared: Sequence[Any] | None = None
+    ) -> Calibration:
+        names = sorted(path.name for path in Path(self.masks).rglob("*"))
+        good = super().calibrate(pairs, initial, prepared)
+        return Calibration(good.T_camera_lidar, True, False, good.covariance, 0, message=str(names))
 
 
 @dataclass(frozen=True)

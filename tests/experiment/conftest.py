@@ -21,8 +21,8 @@ def register_toys(folder: Path) -> Path:
     info = folder / "toys-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toys\nVersion: 1.0\n")
-    names = {"blobs": "Blobs", "biased": "Biased", "habit": "Habit"}
-    lines = [f"{name} = toy_methods:{cls}" for name, cls in names.items()]
+    names = ("Blobs", "Biased", "Habit", "Slow", "Masked")
+    lines = [f"{name.lower()} = toy_methods:{name}" for name in names]
     (info / "entry_points.txt").write_text("\n".join(["[lcdata.calibrators]", *lines, ""]))
     return folder
 

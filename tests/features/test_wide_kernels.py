@@ -7,6 +7,7 @@ from lcdata.features.chamfer_search import displaced
 from lcdata.features.nid_views import flat
 from lcdata.features.wide_kernels import count, field_sums, information
 from lcdata.features.wide_labels import LABELS, descriptors, k_means, label_maps, nearest
+from lcdata.features.wide_projection import pixels
 from lcdata.geometry import camera_kernels, se3
 from lcdata.geometry.camera import Camera
 
@@ -14,6 +15,19 @@ CAMERAS = {
     "pinhole": Camera("pinhole", 320, 200, (200, 210, 158, 99)),
     "brown": Camera("pinhole", 320, 200, (200, 210, 158, 99), (-0.1, 0.02, 0.001, -0.001)),
     "fisheye": Camera("fisheye", 320, 200, (120, 120, 158, 99), (0.01, 0.0, 0.0, 0.0)),
+}
+LENS = (-0.1, 0.02, 0.001, -0.001, 0.003, 0.02, 0.01, 0.001)
+OTHERS = {
+    "rational": Camera("pinhole", 320, 200, (200, 210, 158, 99), LENS),
+    "prism": Camera("pinhole", 320, 200, (200, 210, 158, 99), (*LENS, 0.01, 0.002, -0.01, 0.003)),
+    "tilted": Camera(
+        "pinhole", 320, 200, (200, 210, 158, 99), (*LENS, 0.0, 0.0, 0.0, 0.0, 0.01, -0.02)
+    ),
+    "all round": Camera("fisheye", 320, 200, (60, 60, 158, 99), (0.02, -0.003, 0.0, 0.0)),
+    "atan": Camera("atan", 320, 200, (150, 160, 158, 99), (0.9,)),
+    "omni": Camera("omni", 320, 200, (1.4, 300, 310, 158, 99), (-0.1, 0.02, 0.001, -0.001)),
+    "mirror": Camera("omni", 320, 200, (0.8, 120, 120, 158, 99), (-0.05, 0.0, 0.0, 0.0)),
+    "panorama": Camera("equirectangular", 320, 160),
 }
 
 
@@ -27,7 +41,7 @@ def scene(camera, count=400):
 def cells(camera, pose, points, scale, shape):
     """Row and column without border, and whether there are such."""
     pixels, seen = camera.project(se3.apply(pose, points))
-    seen &= se3.apply(pose, points)[:, 2] > (0.1 if not camera.is_distorted else -np.inf)
+    seen &= (camera.model != "pinhole") | (se3.apply(pose, points)[:, 2] > 0.1)
     column, row = np.floor((np.nan_to_num(pixels) + 0.5) * scale).astype(int).T
     return row, column, seen & (row >= 0) & (column >= 0) & (row < shape[0]) & (column < shape[1])
 
@@ -52,6 +66,25 @@ def test_histograms_are_those_of_each_point_looked_up_alone(name):
         assert counts[k].sum() == len(points)
         # In single precision a point on a cell's border may fall to its other side.
         assert np.abs(counts[k] - expected).sum() <= 2
+
+
+@pytest.mark.parametrize("name", [name for name in CAMERAS if name != "pinhole"] + list(OTHERS))
+def test_pixels_are_those_of_the_camera(name):
+    camera = (CAMERAS | OTHERS)[name]
+    rng, _, poses, model = scene(camera)
+    points = rng.uniform([-8, -5, -9], [8, 5, 12], (3000, 3)).astype(np.float32)
+    us, vs = np.empty((2, len(points)), np.float32)
+    for pose in poses:
+        pixels(*model, flat(pose[None]).astype(np.float32)[0], points.T.copy(), us, vs)
+        expected, seen = camera.project(se3.apply(pose, points))
+        seen &= (camera.model != "pinhole") | (se3.apply(pose, points)[:, 2] > 0.1)
+        inside = (us >= -0.5) & (us < camera.width - 0.5)
+        inside &= (vs >= -0.5) & (vs < camera.height - 0.5)
+        # In single precision a point on the image's border may fall to its other side.
+        assert (inside != seen).sum() <= 2
+        assert (inside & seen).sum() > 100
+        found = np.stack([us, vs], 1)[inside & seen]
+        np.testing.assert_allclose(found, expected[inside & seen], atol=0.01)
 
 
 @pytest.mark.parametrize("name", CAMERAS)

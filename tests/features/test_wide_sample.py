@@ -6,7 +6,7 @@ import pytest
 from lcdata.features.wide_classes import CLASSES, GROUND_SHADES, find_ground, point_classes
 from lcdata.features.wide_frames import scenes, signature
 from lcdata.features.wide_sample import sample, seen
-from lcdata.features.wide_surface import SPREAD, middle, scatter
+from lcdata.features.wide_surface import INFLATION, PRIOR, SPREAD, middle, scatter
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
 
@@ -121,7 +121,14 @@ def test_middle_of_a_rough_valley():
     assert np.array_equal(middle(lambda p: -np.square(p[:, :3, 3]).sum(1), np.eye(4)), np.eye(4))
 
 
-def test_scatter_is_that_of_the_halves_minima():
+def twist(x, T):
+    """Left perturbation of a displacement in standard deviations."""
+    other = se3.exp([0, 0, 0, *(x * SPREAD)[:3]]) @ T
+    other[:3, 3] = T[:3, 3] + (x * SPREAD)[3:]
+    return se3.log(other @ se3.inverse(T))
+
+
+def test_scatter_is_that_of_minima_of_halves_and_frames():
     rng = np.random.default_rng(5)
     T = np.eye(4)
     T[:3, 3] = 0.3, -0.2, 0.5
@@ -135,14 +142,19 @@ def test_scatter_is_that_of_the_halves_minima():
 
         return function
 
-    from lcdata.features.wide_surface import INFLATION
-
-    found = scatter(costs(np.zeros(6)), [costs(x) for x in shifts], T)
-    twists = []
-    for x in shifts:
-        other = se3.exp([0, 0, 0, *(x * SPREAD)[:3]]) @ T
-        other[:3, 3] = T[:3, 3] + (x * SPREAD)[3:]
-        twists.append(se3.log(other @ se3.inverse(T)))
-    expected = INFLATION * np.mean([np.outer(t, t) for t in twists], axis=0)
+    # One frame: halves alone, times what they do not tell, times Student's factor.
+    found = scatter(costs(np.zeros(6)), [costs(np.zeros(6))], [costs(x) for x in shifts], T)
+    twists = np.array([twist(x, T) for x in shifts])
+    expected = INFLATION * PRIOR / (PRIOR - 2.0) * twists.T @ twists / len(twists)
     np.testing.assert_allclose(found, expected, atol=0.03 * expected.max())
-    assert scatter(lambda p: np.zeros(len(p)), [], T) is None
+    # Five frames that scatter widely one way: the whole, which is their mean, may be off that way.
+    frames = np.zeros((5, 6))
+    frames[:, 3] = -4, -2, 0, 2, 4
+    wide = scatter(costs(np.zeros(6)), [costs(x) for x in frames], [costs(x) for x in shifts], T)
+    known = PRIOR + 4
+    standard = np.square(frames[:, 3]).sum() / 4 / 5
+    ratio = standard / 0.09 / 6
+    least = (4 * standard + PRIOR * ratio * 0.09) / (known - 2)
+    assert wide[0, 0] == pytest.approx(least * SPREAD[3] ** 2, rel=0.15)
+    assert wide[1, 1] == pytest.approx(PRIOR * ratio * 0.09 / (known - 2) * SPREAD[4] ** 2, rel=0.5)
+    assert scatter(lambda p: np.zeros(len(p)), [], [], T) is None

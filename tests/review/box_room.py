@@ -15,6 +15,7 @@ import numpy as np
 from lcdata.arm import Arm
 from lcdata.calibrators.base import LineMatches
 from lcdata.dataset import Dataset, writer
+from lcdata.dataset.arms import describe_arm
 from lcdata.dataset.schema import DatasetInfo, PairRecord, PoseRecord, Scenario
 from lcdata.evaluation.protocol import Protocol
 from lcdata.evaluation.results import TrialResult, results_path, write_run
@@ -76,7 +77,7 @@ def make(
                 pair_records.append(_write_pair(path, pose, n, cameras[scenario], fields))
     info = DatasetInfo(
         rig=rig.to_dict(),
-        arm={"model": "gen3_lite", "joint_offsets": OFFSETS} if arm else None,
+        arm=describe_arm("gen3_lite", load_arm(rig)) if arm else None,
         sources=(),
         scenarios={name: Scenario(camera, {}) for name, camera in cameras.items()},
         simulated=True,

@@ -20,7 +20,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="session")
 def review(dataset: Dataset) -> Path:
-    return save_review(dataset, dataset.path / "review.rrd")
+    return save_review(dataset, dataset.path / "review.rrd").path
 
 
 @pytest.fixture(scope="session")

@@ -5,11 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from box_room import make
+from rrd import Rrd
 
-from lcdata.errors import DatasetError, ReportError
-from lcdata.review import open_viewer, save_review, serve
+from lcdata.dataset import cloud_file
+from lcdata.errors import ReportError
+from lcdata.review import Wanted, open_viewer, save_review, serve
 
 
 @pytest.fixture
@@ -30,15 +33,64 @@ def test_no_thinning_below_one(dataset, tmp_path):
 
 def test_an_unknown_run_names_those_that_are_there(dataset, tmp_path):
     with pytest.raises(ReportError, match="no run 'x': stored are none"):
-        save_review(dataset, tmp_path / "r.rrd", run="x")
+        save_review(dataset, tmp_path / "r.rrd", wanted=Wanted(run="x"))
 
 
-def test_a_damaged_pair_leaves_the_review_that_was_there(dataset, tmp_path):
+@pytest.mark.parametrize("damage", ["cut", "missing", "no return", "no fields"])
+def test_a_damaged_cloud_is_named_and_the_rest_is_shown(dataset, tmp_path, damage):
+    cloud = dataset.path / dataset.pairs[1].cloud
+    records, height, width = cloud_file.read(cloud)
+    records = records.copy()
+    if damage == "missing":
+        cloud.unlink()
+    elif damage == "cut":
+        cloud.write_bytes(cloud.read_bytes()[:-1000])
+    elif damage == "no return":
+        records["x"] = np.nan
+        cloud.write_bytes(b"".join(cloud_file.encode(records, height, width)))
+    else:
+        records.dtype.names = ("a", "b", "c", "d")
+        cloud.write_bytes(b"".join(cloud_file.encode(records, height, width)))
+    done = save_review(dataset, tmp_path / "r.rrd")
+    (failure,) = done.failures
+    assert failure.startswith(f"{dataset.pairs[1].pair_id}: ")
+    assert "000.pcd" in failure
+    rrd = Rrd(done.path)
+    clouds = rrd.rows("/lidar/cloud", "Points3D:positions")
+    assert [len(clouds[n]) > 0 for n in (0, 1)] == [True, False]
+    assert rrd.rows("/overlays/ground_truth/cloud", "Points2D:positions")[1] == []
+    images = rrd.rows("/camera/image/lab/png", "EncodedImage:blob")
+    assert sorted(images) == [1]
+    assert failure in rrd.static("/summary", "TextDocument:text")[0]
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not an image", b"\x89PNG\r\n\x1a\n cut"])
+def test_a_damaged_image_is_named_and_the_cloud_is_shown(dataset, tmp_path, content):
+    image = dataset.path / dataset.pairs[1].image
+    image.unlink()
+    if content is not None:
+        image.write_bytes(content)
+    done = save_review(dataset, tmp_path / "r.rrd")
+    (failure,) = done.failures
+    assert "000.png" in failure
+    rrd = Rrd(done.path)
+    assert len(rrd.rows("/lidar/cloud", "Points3D:positions")[1]) > 100
+    assert not any("/lab/" in entity for entity in rrd.entities)
+    assert 1 in rrd.rows("/camera/image/den/jpeg", "ClearIsRecursive") or any(
+        chunk.entity_path == "/camera/image/den/jpeg"
+        and "Clear" in str(chunk.to_record_batch().schema)
+        for chunk in rrd.chunks
+    )  # the image of the pair before does not stay
+
+
+def test_what_cannot_be_written_leaves_the_review_that_was_there(dataset, tmp_path):
     path = tmp_path / "out" / "r.rrd"
     save_review(dataset, path)
     before = path.read_bytes()
-    (dataset.path / dataset.pairs[1].cloud).write_bytes(b"not a cloud")
-    with pytest.raises(DatasetError, match=r"000\.pcd"):
+    results = dataset.path / "results"
+    results.mkdir()
+    (results / "cut.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(ReportError, match=r"cut\.parquet is not a results file"):
         save_review(dataset, path)
     assert path.read_bytes() == before
     assert [file.name for file in path.parent.iterdir()] == ["r.rrd"]

@@ -49,10 +49,11 @@ def test_clipped_segments_are_the_part_of_the_line_that_is_inside(values):
 
 def test_a_full_cloud_is_thinned_evenly():
     points = np.column_stack([np.linspace(-2, 2, 900), np.zeros(900), np.full(900, 5.0)])
-    pixels, depths = project_cloud(CAMERA, np.eye(4), points, 50)
-    assert len(pixels) == len(depths) == 50
+    pixels, distances = project_cloud(CAMERA, np.eye(4), points, 50)
+    assert len(pixels) == len(distances) == 50
     assert np.ptp(np.diff(pixels[:, 0])) < 0.2
-    np.testing.assert_array_equal(depths, 5.0)
+    offsets = (pixels[:, 0] - 50) / 60 * 5
+    np.testing.assert_allclose(distances, np.hypot(offsets, 5.0), rtol=1e-5)
 
 
 def test_frustum_corners_project_to_the_image_corners():

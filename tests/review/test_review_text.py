@@ -10,13 +10,14 @@ from lcdata.dataset import Dataset
 from lcdata.evaluation.results import results_path, write_run
 from lcdata.geometry import se3
 from lcdata.review.errors import axis_top
+from lcdata.review.shown import Shown
 from lcdata.review.summary import pair_text, summary
 from lcdata.review.text import number_text
 from lcdata.review.trials import choose_trials, outcome
 
 
 def test_the_summary_says_what_fails_where(dataset):
-    text = summary(dataset, choose_trials(dataset))
+    text = summary(Shown(dataset, choose_trials(dataset)))
     assert "**Simulated**" in text
     assert "8 pairs in 4 poses of 2 scenarios (den, lab)" in text
     assert dataset.info.groundtruth_version in text
@@ -32,7 +33,7 @@ def test_the_summary_says_what_fails_where(dataset):
 def test_the_text_of_a_pair_has_its_errors_and_messages(dataset):
     trials = choose_trials(dataset)
     record = dataset.pairs[1]
-    text = pair_text(1, 8, record, dataset.pose(record.pose_id), trials)
+    text = pair_text(1, record, Shown(dataset, trials))
     assert record.pair_id in text
     assert "8.66 deg, 0.866 m" in text
     assert f"{BAD}: no lines in the image" in text
@@ -41,7 +42,7 @@ def test_the_text_of_a_pair_has_its_errors_and_messages(dataset):
 
 def test_real_data_is_not_called_simulated(dataset):
     real = replace(dataset, info=replace(dataset.info, simulated=False))
-    text = summary(real, choose_trials(real))
+    text = summary(Shown(real, choose_trials(real)))
     assert "Real recordings." in text
     assert "Simulated" not in text
 
@@ -52,7 +53,7 @@ def test_of_several_trials_the_first_is_shown_and_the_text_says_so(tmp_path):
     trials = choose_trials(dataset)
     shown = trials.of_pair(dataset.pairs[0].pair_id)
     assert {trial.trial for trial in shown.values()} == {0}
-    text = summary(dataset, trials)
+    text = summary(Shown(dataset, trials))
     assert "up to 3 trials: pictures and series show the first" in text
     assert f"| all | {GOOD} | **12/12**" in text
 
@@ -64,7 +65,7 @@ def test_the_run_that_was_written_last_is_shown(tmp_path):
     assert choose_trials(dataset).run == "another"
     assert choose_trials(dataset).other_runs == (RUN,)
     assert choose_trials(dataset, RUN).run == RUN
-    assert "Not shown: another." in summary(dataset, choose_trials(dataset, RUN))
+    assert "Not shown: another." in summary(Shown(dataset, choose_trials(dataset, RUN)))
 
 
 def test_results_against_another_ground_truth_are_renewed_and_named(tmp_path):
@@ -85,7 +86,7 @@ def test_results_against_another_ground_truth_are_renewed_and_named(tmp_path):
     truth = dataset.pose(trial.pose_id).T_camera_lidar
     expected = se3.translation_error(trial.T_camera_lidar_estimated, truth)
     assert trial.translation_error_m == expected > 0.04
-    assert "made against another ground truth" in summary(dataset, trials)
+    assert "made against another ground truth" in summary(Shown(dataset, trials))
 
 
 def test_outcomes(dataset):

@@ -68,7 +68,7 @@ def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
     dataset = make(tmp_path / "set", arm=kind != "static", pairs=1)
     if kind != "no results":
         add_results(dataset)
-    path = save_review(dataset, tmp_path / "review.rrd")
+    path = save_review(dataset, tmp_path / "review.rrd").path
     with showing(path, capfd) as viewer:
         for number, record in enumerate(dataset.pairs):
             viewer.set_time("pair", sequence=number, play_state="paused")
@@ -111,7 +111,7 @@ def check(state, number: int) -> None:
 @pytest.mark.slow
 def test_a_browser_can_fetch_viewer_and_recording(tmp_path):
     dataset = make(tmp_path / "set", arm=False, pairs=1)
-    path = save_review(dataset, tmp_path / "review.rrd")
+    path = save_review(dataset, tmp_path / "review.rrd").path
     web, grpc = free_port(), free_port()
     process = Popen(serve_command(path, web=web, grpc=grpc, open_browser=False))
     try:
