@@ -25,40 +25,51 @@ class Opener:
 
     Args:
         dataset: Path of the data set, as it was given.
-        shown: By pair and method the run and trial that `lcdata review` shows; empty where the
+        last: By pair and method the last written run that has trials of them; empty where the
             trials are not among the data set's own results.
+        first: By run, pair and method the number of the trial that is shown, the first one.
     """
 
     dataset: str
-    shown: dict[tuple[str, str], tuple[str, int]]
+    last: dict[tuple[str, str], str]
+    first: dict[tuple[str, str, str], int]
 
     @classmethod
     def of(cls, dataset: Dataset, trials: Sequence[TrialResult]) -> Opener:
-        """From trials that are among the data set's own results: the last run, its first trial."""
+        """From trials that are among the data set's own results."""
         written = sorted(dataset.result_files(), key=lambda path: path.stat().st_mtime_ns)
-        last = {path.stem: rank for rank, path in enumerate(reversed(written))}
-        shown: dict[tuple[str, str], tuple[str, int]] = {}
-        for t in sorted(trials, key=lambda t: (last.get(t.run, len(last)), t.trial)):
+        rank = {path.stem: -place for place, path in enumerate(written)}
+        last: dict[tuple[str, str], str] = {}
+        first: dict[tuple[str, str, str], int] = {}
+        for t in sorted(trials, key=lambda t: (rank.get(t.run, 1), t.trial)):
             for pair_id in t.pair_ids:
-                shown.setdefault((pair_id, t.method), (t.run, t.trial))
-        return cls(str(dataset.path), shown)
+                last.setdefault((pair_id, t.method), t.run)
+                first.setdefault((t.run, pair_id, t.method), t.trial)
+        return cls(str(dataset.path), last, first)
 
     def __call__(self, trial: TrialResult) -> list[str]:
         """Words of the command."""
-        parts = ["lcdata", "review", self.dataset, "--pair", trial.pair_ids[0]]
-        if self.shown:
-            parts += ["--method", trial.method]
-        return parts
+        pair_id = trial.pair_ids[0]
+        words = ["lcdata", "review", self.dataset, "--pair", pair_id]
+        if self.last:
+            words += ["--method", trial.method]
+            if self.last[pair_id, trial.method] != trial.run:
+                words += ["--run", trial.run]
+        return words
 
     def differs(self, trial: TrialResult) -> str:
         """What the command shows if that is not the trial itself; empty if it is."""
-        if not self.shown:
+        if not self.last:
             return "shows the pair at its ground truth: the trials of an experiment are not in it"
-        run, number = self.shown.get((trial.pair_ids[0], trial.method), (trial.run, trial.trial))
-        if (run, number) == (trial.run, trial.trial):
-            return ""
-        of_run = "" if run == trial.run else f" of run {run}"
-        return f"shows trial {number}{of_run} on this pair"
+        shown = self.first[trial.run, trial.pair_ids[0], trial.method]
+        return "" if shown == trial.trial else f"shows trial {shown} on this pair"
+
+    def worst(self, method: str, run: str, count: int) -> list[str]:
+        """Words of the command that opens a method's worst pairs in one recording."""
+        if not self.last:
+            return []
+        chosen = ["--worst", str(count), "--method", method, "--run", run]
+        return ["lcdata", "review", self.dataset, *chosen]
 
 
 def showcase(exhibits: dict[str, list[Exhibit]], dot: Dot, opener: Opener) -> str:
@@ -74,11 +85,14 @@ def showcase(exhibits: dict[str, list[Exhibit]], dot: Dot, opener: Opener) -> st
         "its points, where it has hardly any), drawn where the initial guess, the estimate and "
         'the ground truth put them, coloured by depth: near<span class="scale"></span>far. '
         "Worst: of each pair its worst trial with an estimate, by the larger of the two errors in "
-        "units of its limit of success. Click a picture to enlarge it. Commands open the pair in "
-        "Rerun, from the folder where this page was written.</p>"
+        "units of its limit of success. Click a picture to enlarge it. Commands open the pair, or "
+        "a method's worst ones together, in Rerun, from the folder where this page was written.</p>"
     ]
     for method, shown in exhibits.items():
-        parts.append(f"<h4>{dot(method)}{escape(method)}</h4>")
+        heading = f"<h4>{dot(method)}{escape(method)}</h4>"
+        worst = sum(exhibit.rank.startswith("worst") for exhibit in shown)
+        together = opener.worst(method, shown[0].trial.run, worst) if worst > 1 else []
+        parts.append(f'<div class="method">{heading}{command(together) if together else ""}</div>')
         parts += [_exhibit(exhibit, opener) for exhibit in shown]
     return "".join(parts)
 

@@ -115,7 +115,10 @@ figure { margin: 0; }
 .copied > button:hover { color: var(--ink); border-color: var(--muted); }
 .notations { margin-top: 10px; font-size: 14px; }
 .notations summary { font-weight: 400; color: var(--muted); }
-h4 { font-size: 15px; font-weight: 620; margin: 30px 0 10px; }
+h4 { font-size: 15px; font-weight: 620; margin: 0; }
+.method { display: flex; flex-wrap: wrap; align-items: center; justify-content: space-between;
+  gap: 4px 24px; margin: 34px 0 10px; }
+.method .copied { margin: 0; }
 a { color: inherit; text-underline-offset: 2px; text-decoration-color: var(--muted); }
 .scale { display: inline-block; width: 84px; height: 8px; border-radius: 4px; margin: 0 6px;
   background: linear-gradient(90deg, #a01602, #f56918, #d5e234, #45f884, #26bce1, #4669df,

@@ -116,15 +116,24 @@ def test_commands_name_pair_and_method_and_say_what_else_they_show(tmp_path: Pat
         *("lcdata", "review", str(dataset.path)),
         *("--pair", last.pair_ids[0], "--method", "blobs"),
     ]
-    assert opener.differs(last) == ""
-    assert opener.differs(first) == "shows trial 0 of run 1deg-0.1m-seed0 on this pair"
-    assert opener.differs(second) == "shows trial 0 of run 1deg-0.1m-seed0 on this pair"
+    assert opener(first) == [*opener(last), "--run", "5deg-0.5m-seed0"]
+    assert opener.differs(last) == opener.differs(first) == ""
+    assert opener.differs(second) == "shows trial 0 on this pair"
+    assert opener.worst("blobs", "run", 3)[-6:] == [
+        "--worst",
+        "3",
+        "--method",
+        "blobs",
+        "--run",
+        "run",
+    ]
     elsewhere = Opener.of(dataset, ())
     assert "--method" not in elsewhere(last) and "ground truth" in elsewhere.differs(last)
     page = Reader(write_report(dataset).read_text())
     commands = [text for text in page.commands if text.startswith("lcdata review")]
     assert all(shlex.split(text)[2] == str(dataset.path) for text in commands)
-    assert {tuple(shlex.split(text)) for text in commands} == {tuple(opener(t)) for t in trials}
+    single = {tuple(words) for text in commands if "--pair" in (words := shlex.split(text))}
+    assert single == {tuple(opener(t)) for t in trials}
 
 
 def test_failures_are_counted_by_reason_where_they_are_many(habit) -> None:
