@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.report.theme import Theme, columns, plain_axes, png
+from lcdata.report.theme import Theme, bottom_legend, columns, plain_axes, png
 
 Array = NDArray[np.float64]
 
@@ -51,13 +51,6 @@ def budget_bars(
         axes.set_title(title, loc="left", size=10.5, color=theme.ink, pad=10)
         plain_axes(axes, theme)
     figure.subplots_adjust(left=0.06, right=0.985, top=0.88, bottom=0.22, wspace=0.16)
-    figure.legend(
-        handles=[Patch(facecolor=theme.method(j), label=s) for j, s in enumerate(sources)],
-        loc="lower center",
-        ncols=6,
-        frameon=False,
-        fontsize=9,
-        labelcolor=theme.ink,
-        handlelength=1.2,
-    )
+    handles = [Patch(facecolor=theme.method(j), label=s) for j, s in enumerate(sources)]
+    bottom_legend(figure, handles, theme)
     return png(figure)

@@ -119,6 +119,9 @@ def dependence_plot(
             known = True
             axes.axhspan(low, sigma, color=theme.band, lw=0, zorder=0)
         axes.axhline(quantity.limit, color=theme.muted, lw=0.9, ls=DASHED, zorder=1)
+        finite = everything[np.isfinite(everything)]
+        if finite.size and np.ptp(finite) < 1e-3 * finite.max():
+            axes.set_xlim(0.9 * finite.max(), 1.1 * finite.max())  # one value: no digits of noise
         over_it = over.format(unit=quantity.unit)
         titled(axes, f"{quantity.label} ({quantity.unit}) over {over_it}", theme)
     method_legend(figure, methods, theme, sigma_known=known)

@@ -71,9 +71,9 @@ def distributions(trials: Sequence[TrialResult]) -> list[Figure]:
     ]
     if 1 < len(pose_names(trials)) <= MOST_POSES:
         caption = (
-            "Dots are medians at a pose, lines reach from its smallest to its largest error; a "
-            "failed trial is at the upper edge. The band is the ground truth's own uncertainty "
-            "at that pose."
+            "Dots are medians at a pose, lines reach from 25 % to 75 %; failed trials count as "
+            "infinitely wrong, up to the upper edge. The band is the ground truth's own "
+            "uncertainty at that pose."
         )
         alt = "Median errors pose by pose, by method"
         figures.append(_figure("poses", pose_plot, trials, alt, caption))

@@ -17,9 +17,11 @@ from lcdata.report.theme import (
     Quantity,
     Theme,
     axis_limits,
+    bottom_legend,
     errors_of,
     label_ticks,
     names,
+    panels,
     plain_axes,
     png,
 )
@@ -34,6 +36,9 @@ NOT_RANKED = "≈"
 
 LINEAR_SPAN = 30.0
 """Axes are logarithmic where errors span more than a decade and a half."""
+
+SIDE_BY_SIDE = 26
+"""Places for boxes that both errors have room for beside each other."""
 
 NOTED = 4
 """More methods leave no room for words over each."""
@@ -52,15 +57,12 @@ def box_plots(trials: Sequence[TrialResult], theme: Theme) -> bytes:
     Returns:
         A PNG file.
     """
-    from matplotlib.figure import Figure
-
     scenarios, methods = names(trials)
-    columns = len(scenarios) * (len(methods) + 1)
-    figure = Figure(figsize=(min(18.0, max(12.0, 3.0 + 0.75 * columns)), 4.4), dpi=150)
-    figure.patch.set_facecolor(theme.background)
+    rows = 1 if len(scenarios) * (len(methods) + 1) <= SIDE_BY_SIDE else 2
+    figure, both = panels(theme, 4.4 * rows, rows)
     limits = [axis_limits(trials, quantity) for quantity in PANELS]
     log = any(top / bottom > LINEAR_SPAN for bottom, top in limits)
-    for axes, quantity, ends in zip(figure.subplots(1, 2), PANELS, limits, strict=True):
+    for axes, quantity, ends in zip(both, PANELS, limits, strict=True):
         if log:
             axes.set_yscale("log")
             axes.set_ylim(ends[0] / 1.8, ends[1] * 1.3)
@@ -172,14 +174,4 @@ def _legend(
         handles.append(
             Line2D([], [], marker=f"${NOT_RANKED}$", ls="", color=theme.ink, label="not ranked")
         )
-    figure.subplots_adjust(left=0.06, right=0.985, top=0.86, bottom=0.19, wspace=0.16)
-    figure.legend(
-        handles=handles,
-        loc="lower center",
-        ncols=min(7, len(handles)),
-        frameon=False,
-        fontsize=9,
-        labelcolor=theme.ink,
-        handlelength=1.8,
-        columnspacing=1.8,
-    )
+    bottom_legend(figure, handles, theme)

@@ -34,7 +34,7 @@ def pose_names(trials: Sequence[TrialResult]) -> list[str]:
 
 
 def pose_plot(trials: Sequence[TrialResult], theme: Theme) -> bytes:
-    """Median error at each pose, a line from its smallest to its largest one.
+    """Median error at each pose, a line from quartile to quartile.
 
     Args:
         trials: Trials of one run.
@@ -64,7 +64,7 @@ def pose_plot(trials: Sequence[TrialResult], theme: Theme) -> bytes:
         for j, method in enumerate(methods):
             shift = SPREAD * ((j + 0.5) / len(methods) - 0.5)
             rows = [
-                (place + shift, errors.min(), quartiles(errors).median, errors.max())
+                (place + shift, *quartiles(errors))
                 for place, pose in zip(x, poses, strict=True)
                 if (errors := errors_of(groups.get((pose, method), []), quantity)).size
             ]

@@ -36,8 +36,9 @@ summary { cursor: pointer; font-weight: 620; }
   color: var(--muted); }
 .warning { border-left: 3px solid var(--bad); padding: 10px 18px; margin: 18px 0;
   background: var(--wash); }
-.cards { display: flex; flex-wrap: wrap; gap: 16px; margin: 24px 0 8px; }
-.card { flex: 1 1 240px; padding: 18px 22px; border: 1px solid var(--line); border-radius: 10px; }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(236px, 100%), 1fr));
+  gap: 16px; margin: 24px 0 8px; }
+.card { padding: 18px 22px; border: 1px solid var(--line); border-radius: 10px; }
 .card b { display: block; font-size: 34px; font-weight: 620; letter-spacing: -.02em;
   line-height: 1.25; font-variant-numeric: tabular-nums; }
 .card span { display: block; color: var(--muted); font-size: 14px; }

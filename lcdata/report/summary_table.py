@@ -11,7 +11,7 @@ from lcdata.evaluation.metrics import ALL_SCENARIOS, Quartiles, Summary
 from lcdata.evaluation.text import MISSING, not_ranked, number, rate_interval_text
 from lcdata.report import tables, words
 from lcdata.report.html import Cell, Group, copies, table
-from lcdata.report.tables import converged_text, error_text, interval_text, percent
+from lcdata.report.tables import error_text, interval_text, percent
 
 COLUMNS = (
     "Method",
@@ -66,6 +66,7 @@ def _row(
     row: Summary, rows: Sequence[Summary], comparisons: Sequence[Comparison], dot: Dot
 ) -> list[Cell]:
     failed = f' <small class="bad">{row.failed} failed</small>' if row.failed else ""
+    wrongly = f'<br><small class="bad">{row.misled} wrongly</small>' if row.misled else ""
     interval = rate_interval_text(row.success_interval).removesuffix(" %")
     return [
         Cell(f"{dot(row.method)}{escape(row.method)}"),
@@ -75,7 +76,7 @@ def _row(
         _error(row, rows, comparisons, "rotation_deg", "°"),
         _error(row, rows, comparisons, "translation_m", " m"),
         Cell(number(row.sigma_distance, 1), row.sigma_distance),
-        Cell(converged_text(row), row.converged),
+        Cell(f"{row.converged}{wrongly}", row.converged),
         Cell(str(row.degenerate), row.degenerate),
         Cell(number(row.seconds, 2), row.seconds),
     ]

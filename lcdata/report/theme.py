@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 DASHED = (0, (5, 3))
 """Line of the limit of success."""
 
+LINE, HANDLE = 185, 9
+"""Letters that a line of a legend has room for, and the room of a coloured mark in letters."""
+
 PALETTE = 160
 """Colours of a plot's file."""
 
@@ -207,13 +210,22 @@ def method_legend(
             Patch(facecolor=theme.band, label="ground truth's own uncertainty (1 sigma)")
         )
     handles.append(Line2D([], [], color=theme.muted, lw=0.9, ls=DASHED, label="success below"))
+    bottom_legend(figure, handles, theme)
+
+
+def bottom_legend(figure: Figure, handles: Sequence[Any], theme: Theme) -> None:
+    """A legend under the panels, in as few lines as there is room for."""
+    letters = sum(len(handle.get_label()) + HANDLE for handle in handles)
+    lines = -(-letters // LINE)
     figure.legend(
         handles=handles,
         loc="lower center",
-        ncols=min(7, len(handles)),
+        ncols=-(-len(handles) // lines),
         frameon=False,
         fontsize=9,
         labelcolor=theme.ink,
+        handlelength=1.8,
+        columnspacing=1.8,
     )
 
 
