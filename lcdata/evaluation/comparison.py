@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import KeysView, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -129,16 +129,45 @@ def compare(trials: Sequence[TrialResult]) -> list[Comparison]:
     return found
 
 
+@dataclass(frozen=True)
+class _Made:
+    """Trials of one method, by place: errors by quantity, and the ground truth's uncertainty."""
+
+    errors: dict[str, dict[Place, float]]
+    sigmas: dict[str, dict[Place, float]]
+
+    @classmethod
+    def of(cls, trials: Sequence[TrialResult]) -> _Made:
+        errors, sigmas = {}, {}
+        places = [(t.pair_ids, t.trial) for t in trials]
+        for quantity in QUANTITIES:
+            kind, _, unit = quantity.partition("_")
+            name = f"groundtruth_{kind}_sigma_{unit}"
+            errors[quantity] = dict(zip(places, metrics.errors(trials, quantity), strict=True))
+            found = (float(getattr(t, name)) for t in trials)
+            sigmas[quantity] = dict(zip(places, found, strict=True))
+        return cls(errors, sigmas)
+
+    @property
+    def places(self) -> KeysView[Place]:
+        """Where it has made trials."""
+        return next(iter(self.errors.values())).keys()
+
+
 def _pairwise(run: str, scenario: str, trials: Sequence[TrialResult]) -> list[Comparison]:
-    made: dict[str, dict[Place, TrialResult]] = {}
+    of_method: dict[str, list[TrialResult]] = {}
     for t in trials:
-        made.setdefault(t.method, {})[t.pair_ids, t.trial] = t
-    return [
-        _compared(run, scenario, quantity, (first, second), made)
-        for first, second in combinations(made, 2)
-        for quantity in QUANTITIES
-        if made[first].keys() & made[second].keys()
-    ]
+        of_method.setdefault(t.method, []).append(t)
+    made = {method: _Made.of(mine) for method, mine in of_method.items()}
+    found = []
+    for first, second in combinations(made, 2):
+        places = [place for place in made[first].places if place in made[second].places]
+        if places:
+            found += [
+                _compared(run, scenario, quantity, (first, second), made, places)
+                for quantity in QUANTITIES
+            ]
+    return found
 
 
 def _compared(
@@ -146,16 +175,15 @@ def _compared(
     scenario: str,
     quantity: str,
     methods: tuple[str, str],
-    made: dict[str, dict[Place, TrialResult]],
+    made: dict[str, _Made],
+    places: Sequence[Place],
 ) -> Comparison:
     a, b = (made[method] for method in methods)
-    places = [place for place in a if place in b]
-    units = [pair_ids for pair_ids, _ in places]
-    firsts = metrics.errors((a[place] for place in places), quantity)
-    seconds = metrics.errors((b[place] for place in places), quantity)
+    numbers: dict[tuple[str, ...], int] = {}
+    units = [numbers.setdefault(pair_ids, len(numbers)) for pair_ids, _ in places]
+    firsts = [a.errors[quantity][place] for place in places]
+    seconds = [b.errors[quantity][place] for place in places]
     differences = [0.0 if x == y else x - y for x, y in zip(firsts, seconds, strict=True)]
-    kind, _, unit = quantity.partition("_")
-    sigmas = [float(getattr(a[p], f"groundtruth_{kind}_sigma_{unit}")) for p in places]
     return Comparison(
         run=run,
         scenario=scenario,
@@ -163,8 +191,8 @@ def _compared(
         first=methods[0],
         second=methods[1],
         trials=len(places),
-        units=len(set(units)),
-        left_out=len(a.keys() ^ b.keys()),
+        units=len(numbers),
+        left_out=len(a.places ^ b.places),
         first_smaller=sum(d < 0 for d in differences),
         second_smaller=sum(d > 0 for d in differences),
         first_failed=sum(map(math.isinf, firsts)),
@@ -174,7 +202,7 @@ def _compared(
         difference_interval=median_interval(differences, units),
         p=(p := signed_rank(differences, units)),
         p_corrected=p,
-        sigma=metrics.rms(sigmas),
+        sigma=metrics.rms([a.sigmas[quantity][place] for place in places]),
     )
 
 

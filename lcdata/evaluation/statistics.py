@@ -128,14 +128,47 @@ def _resampled_medians(
     """(size,) medians of resamples, by how often each sorted value is in them."""
     drawn = rng.integers(count, size=(size, count)) + count * np.arange(size)[:, None]
     times = np.bincount(drawn.ravel(), minlength=size * count).reshape(size, count)
-    place = np.cumsum(times[:, owner], axis=1, dtype=np.int32)
-    total = place[:, -1:]
-    below = sample[np.argmax(place > (total - 1) // 2, axis=1)]
-    above = sample[np.argmax(place > total // 2, axis=1)]
+    parts = np.array_split(np.arange(sample.size), max(1, math.isqrt(sample.size)))
+    each = [np.bincount(owner[part], minlength=count).astype(float) for part in parts]
+    before: Array = np.cumsum(
+        times.astype(float) @ np.stack(each, axis=1), axis=1
+    )  # values up to the end of each part
+    total = before[:, -1]
+    low, high = ((total - 1) // 2, total // 2)  # two places in the middle, from zero
+    below = _at(sample, owner, times, parts, before, low)
+    above = _at(sample, owner, times, parts, before, high)
     with np.errstate(invalid="ignore"):
         middle: Array = (below + above) / 2
     middle[np.isnan(middle)] = 0.0  # between -inf and inf: even
     return middle
+
+
+def _at(
+    sample: Array,
+    owner: NDArray[np.int64],
+    times: NDArray[np.int64],
+    parts: Sequence[NDArray[np.int64]],
+    before: Array,
+    place: Array,
+) -> Array:
+    """(R,) the value at a place of each resample: find its part first, then look only there.
+
+    Args:
+        sample: (N,) sorted values.
+        owner: (N,) number of each value's unit.
+        times: (R, units) how often each unit is in each resample.
+        parts: Rows of `sample`, cut into consecutive parts.
+        before: (R, parts) number of resampled values up to the end of each part.
+        place: (R,) places, from zero.
+    """
+    found = np.empty(len(times))
+    part_of = np.argmax(before > place[:, None], axis=1)
+    for k in np.unique(part_of):
+        rows, part = np.flatnonzero(part_of == k), parts[k]
+        start = before[rows, k - 1] if k else np.zeros(len(rows))
+        counted = start[:, None] + np.cumsum(times[np.ix_(rows, owner[part])], axis=1)
+        found[rows] = sample[part[np.argmax(counted > place[rows, None], axis=1)]]
+    return found
 
 
 def signed_rank(differences: Iterable[float], units: Sequence[Hashable]) -> float:
@@ -148,10 +181,13 @@ def signed_rank(differences: Iterable[float], units: Sequence[Hashable]) -> floa
         p of the two-sided test; 1 where there is nothing to test.
     """
     finite = _finite(np.array(list(differences), float))
-    owner, _ = _owners(units)
-    order = np.argsort(owner, kind="stable")
-    parts = np.split(finite[order], np.flatnonzero(np.diff(owner[order])) + 1)
-    each = np.array([np.median(part) for part in parts if part.size])
+    owner, count = _owners(units)
+    if not count:
+        return 1.0
+    ranked = finite[np.lexsort((finite, owner))]  # unit by unit, each from small to large
+    sizes = np.bincount(owner, minlength=count)
+    starts = np.cumsum(sizes) - sizes
+    each = (ranked[starts + (sizes - 1) // 2] + ranked[starts + sizes // 2]) / 2
     each = each[each != 0]
     if not each.size:
         return 1.0

@@ -7,6 +7,7 @@ borders from everything else.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +66,7 @@ def extract_cloud_edges(
     *,
     limit: int = 6000,
     seed: int = 0,
+    views: Sequence[LidarView] | None = None,
 ) -> CloudEdges:
     """Find the edges of a cloud.
 
@@ -73,9 +75,13 @@ def extract_cloud_edges(
         intensity: (N,) or None.
         limit: Points of each of the two kinds at most.
         seed: Of the choice.
+        views: Images of the cloud to find them in, of `FOCAL` and with `MARGIN`; None for all
+            around.
     """
     found: list[tuple[Array, Array, Mask]] = []
-    for view in views_around(points, intensity, focal=FOCAL, size=SIZE + 2 * MARGIN):
+    if views is None:
+        views = views_around(points, intensity, focal=FOCAL, size=SIZE + 2 * MARGIN)
+    for view in views:
         found += _edges_of(view, np.asarray(points, float), intensity is not None)
     if not found:
         return CloudEdges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, bool))

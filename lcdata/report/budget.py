@@ -15,8 +15,11 @@ import numpy as np
 from lcdata.dataset import Dataset
 from lcdata.dataset.schema import PoseRecord
 from lcdata.groundtruth.budget import SOURCES, TITLES, Variances, shares, variances
-from lcdata.report.plots import Theme, budget_bars
+from lcdata.report.budget_bars import budget_bars
+from lcdata.report.html import Cell, Group
+from lcdata.report.html import table as table_of
 from lcdata.report.tables import tex
+from lcdata.report.theme import Theme
 
 UNKNOWN = (
     "The data set does not say where it comes from: a link without standard deviations, or a "
@@ -191,22 +194,25 @@ def section(dataset: Dataset, pictures: str) -> str:
     title = "<section><h2>Where the ground truth's own uncertainty comes from</h2>"
     if not (rows := table(dataset)):
         return f'{title}<p class="note">{escape(UNKNOWN)}</p></section>'
-    body = ""
-    for scenario in dict.fromkeys(r.scenario for r in rows):
-        here = [r for r in rows if r.scenario == scenario]
-        body += (
-            f'<tr class="scenario"><td colspan="5">{escape(scenario)}'
-            f"<span>{here[0].poses} poses</span></td></tr>"
-        )
-        body += "".join(
-            f"<tr><td>{escape(r.title)}</td><td>{r.millimetres} mm</td>"
-            f"<td>{r.share.translation:.1%}</td><td>{r.degrees}°</td>"
-            f"<td>{r.share.rotation:.1%}</td></tr>"
-            for r in here
-        )
+    groups = [
+        Group(f"{escape(scenario)}<span>{here[0].poses} poses</span>", [_cells(r) for r in here])
+        for scenario in dict.fromkeys(r.scenario for r in rows)
+        if (here := [r for r in rows if r.scenario == scenario])
+    ]
+    head = ("Source", "Translation", "Share", "Rotation", "Share")
     return (
         f'{title}<p class="note">Version {escape(version)}. {escape(NOTE)}</p>'
-        '<div class="scroll"><table><thead><tr><th>Source</th><th>Translation</th><th>Share</th>'
-        f"<th>Rotation</th><th>Share</th></tr></thead><tbody>{body}</tbody></table></div>"
-        f'<figure class="plot">{pictures}</figure></section>'
+        f'<figure class="plot">{pictures}</figure>'
+        f"<details><summary>Source by source</summary>{table_of(head, groups)}</details></section>"
     )
+
+
+def _cells(row: Row) -> list[Cell]:
+    """A line of the page's table."""
+    return [
+        Cell(escape(row.title)),
+        Cell(f"{row.millimetres} mm", row.sigma.translation),
+        Cell(f"{row.share.translation:.1%}", row.share.translation),
+        Cell(f"{row.degrees}°", row.sigma.rotation),
+        Cell(f"{row.share.rotation:.1%}", row.share.rotation),
+    ]

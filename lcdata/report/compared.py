@@ -12,6 +12,7 @@ from itertools import groupby
 from lcdata.evaluation.comparison import QUANTITIES, Comparison
 from lcdata.evaluation.metrics import ALL_SCENARIOS
 from lcdata.evaluation.text import number, p_text, verdicts
+from lcdata.report.html import Cell, Group, copies, items, table
 from lcdata.report.tables import (
     error_text,
     interval_text,
@@ -115,29 +116,40 @@ def html(comparisons: Sequence[Comparison], dot: Callable[[str], str]) -> str:
     """
     if not comparisons:
         return ""
-    lines = []
-    for rows in by_scenario(comparisons):
-        title = "All scenarios" if rows[0].scenario == ALL_SCENARIOS else rows[0].scenario
-        lines.append(
-            f'<tr class="scenario"><td colspan="{len(HEADER) - 1}">{escape(title)}</td></tr>'
-        )
-        lines += [_line(c, dot) for c in rows]
-    head = "".join(f"<th>{column}</th>" for column in HEADER[1:])
-    sentences = verdicts([c for c in comparisons if c.scenario != ALL_SCENARIOS])
-    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    whole = [c for c in comparisons if c.scenario == ALL_SCENARIOS]
+    single = [c for c in comparisons if c.scenario != ALL_SCENARIOS]
+    sentences = verdicts(whole or single)
     opened = " open" if len(sentences) <= SENTENCES_SHOWN else ""
+    by_scenario_too = ""
+    if whole:
+        by_scenario_too = (
+            "<details><summary>Paired comparison, scenario by scenario</summary>"
+            f"{_table(single, dot)}{items(verdicts(single))}</details>"
+        )
+    notations = copies(
+        LaTeX=latex(comparisons),
+        Markdown=markdown_table(HEADER, map(cells, comparisons)),
+        CSV=table_csv(comparisons),
+    )
     return (
-        "<h3>Paired comparison</h3>"
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f'<tbody>{"".join(lines)}</tbody></table></div><p class="note">{escape(NOTE)}</p>'
-        f"<details{opened}><summary>Which method is better, as far as chance and the ground truth "
-        f"let one tell</summary><ul>{items}</ul></details>"
+        f'<h3>Paired comparison</h3>{_table(whole or single, dot)}<p class="note">{escape(NOTE)}'
+        f"</p><details{opened}><summary>Which method is better, as far as chance and the ground "
+        f"truth let one tell</summary>{items(sentences)}</details>{by_scenario_too}{notations}"
     )
 
 
-def _line(c: Comparison, dot: Callable[[str], str]) -> str:
+def _table(comparisons: Sequence[Comparison], dot: Callable[[str], str]) -> str:
+    groups = []
+    for rows in by_scenario(comparisons):
+        title = "All scenarios" if rows[0].scenario == ALL_SCENARIOS else rows[0].scenario
+        groups.append(Group(escape(title), [_line(c, dot) for c in rows]))
+    return table(HEADER[1:], groups, "pairwise")
+
+
+def _line(c: Comparison, dot: Callable[[str], str]) -> list[Cell]:
     _, *texts = map(escape, cells(c))
     texts[1] = f"{dot(c.first)}{escape(c.first)} – {dot(c.second)}{escape(c.second)}"
     if c.better:
         texts[-1] = f'<span class="best">{texts[-1]}</span>'
-    return f"<tr>{''.join(f'<td>{text}</td>' for text in texts)}</tr>"
+    keys = (None, None, c.trials, c.first_smaller, c.difference, c.sigma, c.p_corrected, None)
+    return [Cell(text, key) for text, key in zip(texts, keys, strict=True)]

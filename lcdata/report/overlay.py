@@ -93,4 +93,7 @@ def _dot(points: int, size: tuple[int, int]) -> list[tuple[int, int]]:
         return [(0, 0)]
     if share > 0.02 or size[0] < 320:
         return [(0, 0), (1, 0), (0, 1), (1, 1)]
-    return [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]
+    cross = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]
+    if share < 0.012 and size[0] > 800:  # shown smaller than it is
+        return [*cross, (1, 1), (1, -1), (-1, 1), (-1, -1)]
+    return cross

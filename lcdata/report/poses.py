@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+
+import numpy as np
 
 from lcdata.evaluation import metrics
 from lcdata.evaluation.metrics import Quartiles
 from lcdata.evaluation.results import TrialResult
-from lcdata.report.tables import error_text
+from lcdata.evaluation.text import MISSING
+from lcdata.report.html import Cell, Group, table
+from lcdata.report.tables import error_text, percent
+
+IN_VIEW = "In view"
 
 
 @dataclass(frozen=True)
@@ -78,12 +85,15 @@ def poses_csv(trials: Sequence[TrialResult]) -> str:
     return out.getvalue()
 
 
-def pose_table(trials: Sequence[TrialResult], dot: Callable[[str], str]) -> str:
+def pose_table(
+    trials: Sequence[TrialResult], dot: Callable[[str], str], shares: Mapping[str, float]
+) -> str:
     """Part of the page on one run: a line a pose, a column a method; to be opened.
 
     Args:
         trials: Of that run.
         dot: Coloured mark of a method, HTML.
+        shares: Share of the cloud in view, by pair.
 
     Returns:
         Empty where there is but one pose.
@@ -94,24 +104,45 @@ def pose_table(trials: Sequence[TrialResult], dot: Callable[[str], str]) -> str:
         rows.setdefault(row.pose_id, {})[row.method] = row
     if len(rows) < 2:
         return ""
-    head = "".join(f"<th>{dot(method)}{escape(method)}</th>" for method in methods)
+    seen: dict[str, list[float]] = {}
+    for pair_id, pose_id in {pair: t.pose_id for t in trials for pair in t.pair_ids}.items():
+        if pair_id in shares:
+            seen.setdefault(pose_id, []).append(shares[pair_id])
+    head = ["Pose", "Ground truth ±", *([IN_VIEW] if seen else [])]
+    head += [f"{dot(method)}{escape(method)}" for method in methods]
     lines = []
     for pose_id, of_pose in rows.items():
-        cells = [_cell(of_pose.get(method)) for method in methods]
-        inside = "".join(f"<td>{cell}</td>" for cell in (escape(pose_id), *cells))
-        lines.append(f"<tr>{inside}</tr>")
+        sigma = next(iter(of_pose.values())).sigma
+        cells = [Cell(escape(pose_id)), Cell(_sigma_text(sigma), sigma.rotation_deg)]
+        if seen:
+            share = float(np.mean(seen[pose_id])) if pose_id in seen else math.nan
+            cells.append(Cell(percent(share), share))
+        lines.append(cells + [_cell(of_pose.get(method)) for method in methods])
     return (
-        "<details><summary>Pose by pose</summary>"
-        f'<div class="scroll"><table><thead><tr><th>Pose</th>{head}</tr></thead>'
-        f'<tbody>{"".join(lines)}</tbody></table></div><p class="note">Median rotation and '
-        "translation error; successes of trials in small.</p></details>"
+        f"<details><summary>Pose by pose</summary>{table(head, [Group('', lines)])}"
+        '<p class="note">Median rotation and translation error, failed trials infinitely wrong; '
+        "successes of trials in small. A method's column is sorted by the larger of the two "
+        "errors in units of its limit of success (0.5° and 0.1 m). In view: share of the cloud's "
+        "returns inside the image, at the ground truth.</p></details>"
     )
 
 
-def _cell(row: PoseRow | None) -> str:
+def _sigma_text(sigma: metrics.Sigma) -> str:
+    if math.isnan(sigma.rotation_deg):
+        return MISSING
+    return f"{sigma.rotation_deg:.2f}° {sigma.translation_m:.3f} m"
+
+
+def _cell(row: PoseRow | None) -> Cell:
     if row is None:
-        return ""
-    return (
+        return Cell("", math.nan)
+    failed = f' <small class="bad">{row.failed} failed</small>' if row.failed else ""
+    worse = max(
+        row.rotation_deg.median / metrics.SUCCESS_ROTATION_DEG,
+        row.translation_m.median / metrics.SUCCESS_TRANSLATION_M,
+    )
+    return Cell(
         f"{error_text(row.rotation_deg.median)}° {error_text(row.translation_m.median)} m "
-        f"<small>{row.successes}/{row.trials}</small>"
+        f"<small>{row.successes}/{row.trials}</small>{failed}",
+        worse,
     )

@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
+import numpy as np
+
 from lcdata.evaluation.metrics import Quartiles, Summary
 from lcdata.evaluation.results import Results
 from lcdata.evaluation.statistics import Interval
@@ -133,15 +135,19 @@ def markdown(summaries: Sequence[Summary], titles: dict[str, str], compared: dic
     parts = []
     for run, rows in groupby(summaries, key=lambda s: s.run):
         of_run = list(rows)
-        table = markdown_table(
-            HEADER, [cells(row, group) for group in by_scenario(of_run) for row in group]
-        )
+        table = run_markdown(of_run)
         truth = "; ".join(f"{g[0].scenario} {truth_text(g[0])}" for g in by_scenario(of_run))
         parts.append(
             f"## {titles[run]}\n\n{table}\n\nGround truth's own uncertainty (1 sigma): {truth}.\n"
             + compared.get(run, "")
         )
     return "\n".join([*parts, NOTE, ""])
+
+
+def run_markdown(summaries: Sequence[Summary]) -> str:
+    """The table of one run."""
+    rows = (cells(row, group) for group in by_scenario(summaries) for row in group)
+    return markdown_table(HEADER, rows)
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -172,12 +178,39 @@ def latex_table(header: Sequence[str], groups: Sequence[str]) -> str:
     )
 
 
+def summary_csv(summaries: Iterable[Summary]) -> str:
+    """summary.csv: the numbers of the table, one line a run, scenario and method."""
+    out = io.StringIO()
+    writer: csv.DictWriter[str] | None = None
+    for summary in summaries:
+        row: dict[str, object] = {}
+        for f in dataclasses.fields(summary):
+            value = getattr(summary, f.name)
+            if isinstance(value, tuple):
+                parts = zip(value._fields, value, strict=True)  # type: ignore[attr-defined]
+                row |= {f"{f.name}_{name}": part for name, part in parts}
+            else:
+                row[f.name] = value
+        row |= {"success_rate": summary.success_rate, "explained_rate": summary.explained_rate}
+        if writer is None:
+            writer = csv.DictWriter(out, list(row), lineterminator="\n")
+            writer.writeheader()
+        writer.writerow(row)
+    return out.getvalue()
+
+
 def trials_csv(results: Results) -> str:
     """results.csv: one line a trial."""
     skipped = {"matches", "covariance", "T_camera_lidar_initial", "T_camera_lidar_estimated"}
     out = io.StringIO()
     writer: csv.DictWriter[str] | None = None
-    for trial in results.trials:
+    trials = results.trials
+    initials = se3.to_xyz_xyzw([t.T_camera_lidar_initial for t in trials])
+    estimates = np.full((len(trials), 7), np.nan)
+    made = [t.T_camera_lidar_estimated is not None for t in trials]
+    found = [t.T_camera_lidar_estimated for t in trials if t.T_camera_lidar_estimated is not None]
+    estimates[made] = se3.to_xyz_xyzw(found)
+    for trial, initial, estimate in zip(trials, initials.tolist(), estimates.tolist(), strict=True):
         row = {
             f.name: getattr(trial, f.name)
             for f in dataclasses.fields(trial)
@@ -185,10 +218,7 @@ def trials_csv(results: Results) -> str:
         }
         row["pair_ids"] = " ".join(trial.pair_ids)
         row |= {"success": trial.success, "rebased": trial.rebased}
-        estimated = trial.T_camera_lidar_estimated
-        initial = se3.to_xyz_xyzw(trial.T_camera_lidar_initial)
         row |= {f"initial_{name}": value for name, value in zip(POSE, initial, strict=True)}
-        estimate = [math.nan] * 7 if estimated is None else se3.to_xyz_xyzw(estimated)
         row |= {f"estimated_{name}": value for name, value in zip(POSE, estimate, strict=True)}
         row["matched_lines"] = len(trial.matches.pair_index)
         if writer is None:

@@ -13,6 +13,9 @@ from lcdata.report.tables import percent
 
 UNKNOWN = "no uncertainty known"
 
+NAMED = 4
+"""Methods that a headline has room for."""
+
 
 def count(n: int, thing: str) -> str:
     """A number with its noun: 1 pair, 2 pairs."""
@@ -176,5 +179,12 @@ def headline(rows: Sequence[Summary]) -> str:
     """One sentence over the whole: how often each method succeeds."""
     trials = sorted({row.trials for row in rows})
     of = f"Of {listing([str(n) for n in trials])} trials" if trials != [1] else "Of one trial"
+    if len(rows) > NAMED:
+        rates = sorted(row.success_rate for row in rows)
+        best = [row.method for row in rows if row.success_rate == rates[-1]]
+        span = f"{len(rows)} methods succeed in {percent(rates[0])} to {percent(rates[-1])}"
+        if len(best) > NAMED:
+            return f"{of}, {span}."
+        return f"{of}, {span}, {listing(best)} most often."
     first, *others = [f"{row.method} succeeds in {percent(row.success_rate)}" for row in rows]
     return f"{of}, {listing([first, *(text.replace('succeeds ', '') for text in others)])}."

@@ -14,40 +14,17 @@ from lcdata.dataset.atomic import write_bytes
 from lcdata.dataset.schema import REPORT
 from lcdata.errors import ReportError
 from lcdata.evaluation.results import Results, TrialResult, read_results
-from lcdata.report import budget, compared, tables, words
-from lcdata.report.distributions import ecdf_plot, start_plot, start_varies
-from lcdata.report.gallery import exhibits
-from lcdata.report.page import Section, captioned, page, picture
-from lcdata.report.plots import DARK, LIGHT, Theme, box_plots
+from lcdata.report import budget, compared, figures, tables, words
+from lcdata.report.dependence import initial_errors, varies
+from lcdata.report.gallery import Painter, worst_of_each
+from lcdata.report.html import picture
+from lcdata.report.page import Section, page
 from lcdata.report.poses import poses_csv
+from lcdata.report.shared_view import shares_in_view
+from lcdata.report.showcase import Opener
+from lcdata.report.theme import DARK, LIGHT
 
 BUDGET, POSES, STARTS = "groundtruth-budget.png", "groundtruth.csv", "start.png"
-
-Draw = Callable[[Sequence[TrialResult], Theme], bytes]
-
-PLOTS: dict[str, tuple[Draw, str, str]] = {
-    "errors": (
-        box_plots,
-        "Box plots of rotation and translation errors by scenario and method",
-        "Each dot is a trial; boxes are quartiles, whiskers 1.5 times their distance. The band is "
-        "the ground truth's own uncertainty: methods whose medians differ by less are not ranked, "
-        "≈.",
-    ),
-    "ecdf": (
-        ecdf_plot,
-        "Share of trials below an error, by method",
-        "Share of all trials whose error is below a value, failed ones included: a curve that "
-        "ends below 1 is of a method that gave no estimate in the rest. The band is the ground "
-        "truth's own uncertainty.",
-    ),
-    "start": (
-        start_plot,
-        "Errors over initial errors, by method",
-        "Errors over the initial error; lines go through medians. A failed trial is at the upper "
-        "edge.",
-    ),
-}
-"""Of each run: how it is drawn, what stands for it where it cannot be seen, and its caption."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished parts and of all parts."""
@@ -67,13 +44,13 @@ def write_report(
         progress: Called as parts are finished.
 
     Returns:
-        Path of index.html; results.csv, table.md, table.tex and plots lie beside it.
+        Path of index.html; tables (CSV, Markdown, LaTeX) and plots lie beside it.
 
     Raises:
         ReportError: There are no results to show.
     """
     results, notice = _current(dataset, recompute)
-    return write_pages(dataset, results, Path(dataset.path) / REPORT, notice, progress)
+    return write_pages(dataset, results, Path(dataset.path) / REPORT, notice, progress, stored=True)
 
 
 def write_pages(
@@ -82,6 +59,8 @@ def write_pages(
     folder: Path,
     notice: str = "",
     progress: Progress | None = None,
+    *,
+    stored: bool = False,
 ) -> Path:
     """Make tables, plots and one HTML page of any trials on a data set.
 
@@ -91,20 +70,12 @@ def write_pages(
         folder: Where to.
         notice: What a reader must know first.
         progress: Called as parts are finished.
+        stored: The trials are the data set's own results, where `lcdata review` finds them.
 
     Returns:
         Path of index.html.
     """
-    hardest_first = sorted(
-        results.trials,
-        key=lambda t: (
-            math.isnan(t.init_rotation_deg),  # from guesses of one's own: last
-            -np.nan_to_num(t.init_rotation_deg),
-            -np.nan_to_num(t.init_translation_m),
-            t.run,
-        ),
-    )
-    runs = {run: list(trials) for run, trials in groupby(hardest_first, key=lambda t: t.run)}
+    runs = {run: list(trials) for run, trials in groupby(_hardest_first(results), lambda t: t.run)}
     total, done = sum(1 + len({t.method for t in trials}) for trials in runs.values()), 0
 
     def advance() -> None:
@@ -115,35 +86,68 @@ def write_pages(
 
     plots: dict[str, bytes] = {}
     sections = []
+    shares = shares_in_view(dataset, sorted({p for t in results.trials for p in t.pair_ids}))
+    opener = Opener.of(dataset, results.trials if stored else ())
+    painter = Painter(dataset, worst_of_each(total - len(runs)))
     for run, trials in runs.items():
-        shown = []
-        for kind, (draw, alt, caption) in PLOTS.items():
-            if kind == "start" and not start_varies(trials):
-                continue
-            plots[f"{kind}-{run}.png"] = light = draw(trials, LIGHT)
-            shown.append(captioned(light, draw(trials, DARK), alt, caption))
+        spread = figures.distributions(trials)
+        depends = figures.dependences(trials, shares)
+        plots |= {f"{figure.kind}-{run}.png": figure.light for figure in (*spread, *depends)}
         advance()
         pictures = {}
         for method in dict.fromkeys(t.method for t in trials):
-            pictures[method] = exhibits(dataset, [t for t in trials if t.method == method])
+            pictures[method] = painter.exhibits([t for t in trials if t.method == method])
             advance()
-        summaries = [s for s in results.summaries if s.run == run]
-        comparisons = [c for c in results.comparisons if c.run == run]
-        version = dataset.info.groundtruth_version
-        sections.append(Section(trials, summaries, comparisons, shown, pictures, version))
+        section = Section(
+            trials=trials,
+            summaries=[s for s in results.summaries if s.run == run],
+            comparisons=[c for c in results.comparisons if c.run == run],
+            plots=[figure.html for figure in spread],
+            dependence=[figure.html for figure in depends],
+            exhibits=pictures,
+            version=dataset.info.groundtruth_version,
+            shares=shares,
+            opener=opener,
+        )
+        sections.append(section)
+    return _write(dataset, results, folder, sections, plots, notice)
 
-    titles = {run: words.run_title(trials) for run, trials in runs.items()}
+
+def _hardest_first(results: Results) -> list[TrialResult]:
+    """Trials run by run, from the largest initial errors down."""
+    return sorted(
+        results.trials,
+        key=lambda t: (
+            math.isnan(t.init_rotation_deg),  # from guesses of one's own: last
+            -np.nan_to_num(t.init_rotation_deg),
+            -np.nan_to_num(t.init_translation_m),
+            t.run,
+        ),
+    )
+
+
+def _write(
+    dataset: Dataset,
+    results: Results,
+    folder: Path,
+    sections: Sequence[Section],
+    plots: dict[str, bytes],
+    notice: str,
+) -> Path:
+    """Put tables and page together, and write all files."""
+    titles = {s.trials[0].run: words.run_title(s.trials) for s in sections}
     kind = "Simulated data" if dataset.info.simulated else "Recorded data"
     name = Path(dataset.path).resolve().name
+    after = _starts(sections, plots)
     bars = ""
     if budget.known(dataset):
         plots[BUDGET] = budget.plot(dataset, LIGHT)
         alt = "Stacked bars: which source has which share of the variance, pose by pose"
         bars = picture(plots[BUDGET], budget.plot(dataset, DARK), alt)
-    parts = budget.section(dataset, bars)
-    html = page(name, kind, words.data_set(dataset), sections, notice, _starts(runs, plots) + parts)
-    files = {
+    after += budget.section(dataset, bars)
+    texts = {
         "results.csv": tables.trials_csv(results),
+        "summary.csv": tables.summary_csv(results.summaries),
         "comparisons.csv": compared.table_csv(results.comparisons),
         "by_pose.csv": poses_csv(results.trials),
         "table.md": f"# {name} ({kind.lower()})\n\n"
@@ -151,30 +155,29 @@ def write_pages(
         + f"\n{budget.markdown(dataset)}",
         "table.tex": f"{tables.latex(results.summaries)}\n{compared.latex(results.comparisons)}\n"
         + budget.latex(dataset),
-        "index.html": html,
+        "index.html": page(name, kind, words.data_set(dataset), sections, notice, after),
     }
     if BUDGET in plots:
-        files[POSES] = budget.poses_csv(dataset)
-    drawn = (path for kind in PLOTS for path in folder.glob(f"{kind}-*.png"))
+        texts[POSES] = budget.poses_csv(dataset)
+    drawn = (path for kind in figures.KINDS for path in folder.glob(f"{kind}-*.png"))
     for old in (*drawn, folder / STARTS, folder / BUDGET, folder / POSES):
-        if old.name not in plots and old.name not in files:
+        if old.name not in plots and old.name not in texts:
             old.unlink(missing_ok=True)
     for file, png in plots.items():
         write_bytes(folder / file, png)
-    for file, text in files.items():
+    for file, text in texts.items():
         write_bytes(folder / file, text.encode())
     return folder / "index.html"
 
 
-def _starts(runs: dict[str, list[TrialResult]], plots: dict[str, bytes]) -> str:
+def _starts(sections: Sequence[Section], plots: dict[str, bytes]) -> str:
     """Section on errors over initial errors where several runs start from errors of their own."""
-    trials = [t for of_run in runs.values() for t in of_run]
-    if len(runs) < 2 or not start_varies(trials):
+    trials = [t for section in sections for t in section.trials]
+    if len(sections) < 2 or not varies(trials, initial_errors):
         return ""
-    draw, alt, caption = PLOTS["start"]
-    plots[STARTS] = light = draw(trials, LIGHT)
-    figure = captioned(light, draw(trials, DARK), alt, f"All runs together. {caption}")
-    return f'<h2>How far off a guess may be</h2><figure class="plot">{figure}</figure>'
+    figure = figures.start_figure(trials, "All runs together. ")
+    plots[STARTS] = figure.light
+    return f"<section><h2>How far off a guess may be</h2>{figure.html}</section>"
 
 
 def _current(dataset: Dataset, recompute: bool) -> tuple[Results, str]:
