@@ -49,6 +49,8 @@ def summary(shown: Shown, arm_is_missing: bool = False, scale: int = 0, note: st
         parts.append(_compared(shown.comparison))
     if trials.methods:
         parts += [_protocol(shown), _table(trials), _failures(dataset.pairs, trials)]
+    elif trials.run:
+        parts.append(f"Run `{trials.run}` has no trial on them. Shown is the ground truth.")
     else:
         parts.append("No results yet: `lcdata calibrate` makes them. Shown is the ground truth.")
     if arm_is_missing:
