@@ -18,7 +18,7 @@ from lcdata.review.selection import (
     worst_pairs,
 )
 from lcdata.review.shown import Comparison, Shown
-from lcdata.review.trials import choose_trials
+from lcdata.review.trials import Trials, choose_trials
 
 if TYPE_CHECKING:
     from lcdata.dataset.reader import Dataset
@@ -59,7 +59,7 @@ def arrange(dataset: Dataset, wanted: Wanted, *, growing: bool = False) -> Shown
         raise ReportError("two runs and two ground truths cannot be compared at once", "drop one")
     selection = wanted.selection
     chosen = select_pairs(dataset, selection)
-    trials = choose_trials(chosen, wanted.run)
+    trials = choose_trials(dataset, wanted.run) if growing else _trials(dataset, wanted)
     if wanted.run is not None and trials.run != wanted.run and not growing:
         runs = trials.other_runs
         raise ReportError(
@@ -67,13 +67,15 @@ def arrange(dataset: Dataset, wanted: Wanted, *, growing: bool = False) -> Shown
             suggestion(wanted.run, runs) if runs else "stored are none",
         )
     comparison: Comparison | None = None
+    methods: Collection[str] | None
     if wanted.compare is not None:
-        trials, comparison = compare_runs(chosen, trials, wanted.compare, selection.methods)
+        trials, comparison = compare_runs(dataset, trials, wanted.compare, selection.methods)
+        methods = None
     else:
-        methods: Collection[str] | None = selection.methods or None
+        methods = selection.methods or None
         if not growing:
             methods = select_methods(trials, selection.methods)
-        trials = trials.on({record.pair_id for record in chosen.pairs}, methods)
+    trials = trials.on({record.pair_id for record in chosen.pairs}, methods)
     if wanted.truths is not None:
         chosen, trials, comparison = compare_truths(chosen, trials, *wanted.truths)
     if selection.worst is not None:
@@ -87,3 +89,16 @@ def arrange(dataset: Dataset, wanted: Wanted, *, growing: bool = False) -> Shown
             comparison = replace(comparison, errors_a=comparison.errors_a.on(pair_ids))
     note = order_text(selection, len(dataset), len(chosen), comparison is not None)
     return Shown(chosen, trials, comparison, note)
+
+
+def _trials(dataset: Dataset, wanted: Wanted) -> Trials:
+    """Trials of the run that is asked for; else of the last that has all the methods."""
+    last = choose_trials(dataset, wanted.run)
+    methods = set(wanted.selection.methods)
+    if wanted.run is not None or methods <= set(last.methods):
+        return last
+    for run in last.other_runs[::-1]:
+        trials = choose_trials(dataset, run)
+        if methods <= set(trials.methods):
+            return trials
+    return last

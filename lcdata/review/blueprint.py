@@ -75,7 +75,8 @@ def blueprint(
         ]
     if lanes or plots:
         rows = [*lanes, *plots]
-        shares = [5] * len(rows) if len(rows) > 2 else [4, 5][-len(rows) :]
+        high = min(8.0, 1.2 * (2 + len(shown.trials.methods)))  # a lane for each method
+        shares = [*([high] if lanes else []), *([5.0] * len(plots))]
         below.insert(0, rrb.Vertical(*rows, row_shares=shares))
     return rrb.Blueprint(
         rrb.Vertical(

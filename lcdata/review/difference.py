@@ -57,7 +57,7 @@ def send_differences(
                 continue
             path = names.series(names.DIFFERENCE, measure.name, source)
             send_series(recording, path, time(rows.tolist()), values[rows].tolist())
-            style_series(recording, path, source, colour)
+            style_series(recording, path, source, colour, of=len(records))
             seen += values[rows].tolist()
         if not seen:
             continue

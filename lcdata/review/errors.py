@@ -65,6 +65,9 @@ MEASURES = (
 )
 
 
+LINES_UP_TO = 150
+"""Pairs whose values are joined by lines; more are dots."""
+
 SCENARIO_COLOURS: tuple[colours.RGB, ...] = ((62, 80, 108), (92, 112, 142))
 
 
@@ -91,6 +94,7 @@ def send_errors(
     """
     send_curves(recording, trials, colour, pair_ids, range(len(pair_ids)), time)
     tops = axis_tops(trials, pair_ids)
+    send_beyond(recording, trials, colour, pair_ids, tops, time)
     send_references(recording, tops, poses, time)
     return tops
 
@@ -112,7 +116,42 @@ def send_curves(
                 path = names.series(names.ERRORS, measure.name, method)
                 rows = [numbers[i] for i in there.tolist()]
                 send_series(recording, path, time(rows), values[there].tolist())
-                style_series(recording, path, method, colour[method])
+                style_series(recording, path, method, colour[method], of=len(pair_ids))
+
+
+def send_beyond(
+    recording: rr.RecordingStream,
+    trials: Trials,
+    colour: Mapping[str, colours.RGB],
+    pair_ids: Sequence[str],
+    tops: Mapping[str, float],
+    time: Callable[[Sequence[int]], list[Any]],
+) -> None:
+    """Marks at the upper edge of the plots where an error lies beyond it.
+
+    Where pairs are few, lines that leave the plot show that; dots that do would be lost.
+    """
+    import rerun as rr
+
+    if len(pair_ids) <= LINES_UP_TO:
+        return
+    for measure in MEASURES:
+        top = tops.get(measure.name, np.inf)
+        for rank, method in enumerate(trials.methods):
+            height = top * (0.97 - 0.055 * rank)  # one row a method
+            values = _values(measure, trials, method, pair_ids)
+            beyond = np.flatnonzero(values > top)
+            if not len(beyond):
+                continue
+            path = f"{names.series(names.ERRORS, measure.name, method)}/{names.BEYOND}"
+            send_series(recording, path, time(beyond.tolist()), [height] * len(beyond))
+            style = rr.SeriesPoints(
+                colors=[colour[method]],
+                markers=["up"],
+                marker_sizes=[2.5],
+                names=[method],
+            )
+            recording.log(path, style, static=True)
 
 
 def axis_tops(trials: Trials, pair_ids: Sequence[str]) -> dict[str, float]:
@@ -177,15 +216,31 @@ def send_series(
 
 
 def style_series(
-    recording: rr.RecordingStream, path: str, name: str, colour: colours.RGB, marked: bool = True
+    recording: rr.RecordingStream,
+    path: str,
+    name: str,
+    colour: colours.RGB,
+    marked: bool = True,
+    of: int = 0,
 ) -> None:
-    """Name and colour of a curve; without marks it is a thin line."""
+    """Name and colour of a curve.
+
+    Args:
+        recording: Where to send them.
+        path: Of the curve.
+        name: What the legend calls it.
+        colour: Its colour.
+        marked: Whether its values are marked; else it is a thin line.
+        of: Number of pairs: of many, lines up and down would only fill the plot.
+    """
     import rerun as rr
 
-    line = rr.SeriesLines(colors=[colour], widths=[2.0 if marked else 1.0], names=[name])
-    recording.log(path, line, static=True)
+    if not marked or of <= LINES_UP_TO:
+        line = rr.SeriesLines(colors=[colour], widths=[2.0 if marked else 1.0], names=[name])
+        recording.log(path, line, static=True)
     if marked:  # a method that succeeded on a single pair would otherwise be invisible
-        point = rr.SeriesPoints(colors=[colour], marker_sizes=[3.0], names=[name])
+        size = 3.0 if of <= LINES_UP_TO else 1.5
+        point = rr.SeriesPoints(colors=[colour], marker_sizes=[size], names=[name])
         recording.log(path, point, static=True)
 
 

@@ -44,6 +44,7 @@ INITIAL = "initial"
 GROUND_TRUTH = "ground_truth"
 FORMER = "ground_truth_a"
 LIMIT = "limit"
+BEYOND = "beyond"
 
 
 def arm_frame(link: str) -> str:

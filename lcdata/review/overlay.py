@@ -85,7 +85,9 @@ def _bent(camera: Camera, ends: Array) -> list[Array]:
     pixels, inside = pixels.reshape(*points.shape[:2], 2), inside.reshape(points.shape[:2])
     strips = []
     for line, seen in zip(pixels, inside, strict=True):
-        for run in np.split(np.arange(len(line)), np.flatnonzero(np.diff(seen)) + 1):
+        with np.errstate(invalid="ignore"):
+            wraps = np.abs(np.diff(line[:, 0])) > camera.width / 2  # around a panorama's seam
+        for run in np.split(np.arange(len(line)), np.flatnonzero(np.diff(seen) | wraps) + 1):
             if seen[run[0]] and len(run) > 1:
                 strips.append(line[run])
     return strips

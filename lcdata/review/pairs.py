@@ -138,8 +138,9 @@ class PairSender:
         for entity, group in groups:
             times = time_columns(group)
             if self._image not in ("", entity):
-                cleared = rr.Clear.columns(is_recursive=[False])
-                self.recording.send_columns(self._image, time_columns(group[:1]), cleared)
+                # Not `rr.Clear`: a viewer that fetches chunks as it needs them goes on showing it.
+                nothing = rr.EncodedImage.columns(blob=[b""], media_type=[""]).partition([0])
+                self.recording.send_columns(self._image, time_columns(group[:1]), nothing)
             self._image = entity
             if entity:
                 self._once(entity, rr.CoordinateFrame(names.FRAME_IMAGE))

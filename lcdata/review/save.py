@@ -37,6 +37,9 @@ FRUSTUM_ARM_M, FRUSTUM_STATIC_M = 0.45, 1.0
 BLOCK = 10
 """Pairs that are sent at once; no block has pairs of two poses."""
 
+FLUSH_EVERY = 60
+"""Pairs after which what was sent must have been written: a full disk is found before the end."""
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -121,6 +124,8 @@ def send_all(
             block = []
         block.append(Row(number, record, content))
         failures += content.failures
+        if number % FLUSH_EVERY == FLUSH_EVERY - 1:
+            recording.flush()
         tell("review", number + 1, len(records))
     sender.send(block)
     if failures:

@@ -10,6 +10,7 @@ import numpy as np
 
 from lcdata.evaluation import metrics
 from lcdata.review import uncertainty
+from lcdata.review.errors import LINES_UP_TO
 from lcdata.review.selection import trial_badness
 from lcdata.review.shown import Comparison, Shown
 from lcdata.review.text import count_text, error_text, number_text, uncertainty_text
@@ -47,7 +48,9 @@ def summary(shown: Shown, arm_is_missing: bool = False, scale: int = 0, note: st
     if shown.comparison is not None:
         parts.append(_compared(shown.comparison))
     if trials.methods:
-        parts += [_protocol(trials), _table(trials), _failures(dataset.pairs, trials)]
+        parts += [_protocol(shown), _table(trials), _failures(dataset.pairs, trials)]
+    elif trials.run:
+        parts.append(f"Run `{trials.run}` has no trial on them. Shown is the ground truth.")
     else:
         parts.append("No results yet: `lcdata calibrate` makes them. Shown is the ground truth.")
     if arm_is_missing:
@@ -57,7 +60,7 @@ def summary(shown: Shown, arm_is_missing: bool = False, scale: int = 0, note: st
     if dataset.info.failures:
         lines = "\n".join(f"- {failure}" for failure in dataset.info.failures)
         parts.append(f"## Left out by the build\n\n{lines}")
-    parts.append(_legend(bool(trials.methods), scale))
+    parts.append(_legend(bool(trials.methods), scale, len(dataset) > LINES_UP_TO))
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
@@ -147,12 +150,16 @@ def _about(dataset: Dataset) -> str:
     )
 
 
-def _protocol(trials: Trials) -> str:
+def _protocol(shown: Shown) -> str:
+    trials = shown.trials
     first = trials.all[0]
     start = f"from {first.init_rotation_deg:g} deg and {first.init_translation_m:g} m on each axis"
     if math.isnan(first.init_rotation_deg):
         start = "from initial guesses that were given"
-    text = f"Run `{trials.run}`: {start}, {count_text(len(trials.all), 'trial')}. "
+    count = count_text(len(trials.all), "trial")
+    if shown.comparison is not None and any(t.run != first.run for t in trials.all):
+        count += " of both runs"
+    text = f"Run `{trials.run}`: {start}, {count}. "
     if trials.per_pair > 1:
         text += (
             f"A pair has up to {trials.per_pair} trials: pictures and series show the first of "
@@ -228,7 +235,7 @@ def _failures(records: Sequence[PairRecord], trials: Trials) -> str:
     return "\n\n".join(lines)
 
 
-def _legend(with_methods: bool, scale: int) -> str:
+def _legend(with_methods: bool, scale: int, many: bool) -> str:
     text = (
         "## How to read it\n\n"
         "Step through the timeline `pair`. The cloud on the images is coloured by distance, near "
@@ -237,6 +244,11 @@ def _legend(with_methods: bool, scale: int) -> str:
     )
     if scale:
         text += f" {uncertainty.legend(scale)}"
+    if many:
+        text += (
+            " Pairs are many, so errors are dots; a triangle near the upper edge stands for an "
+            "error beyond it."
+        )
     if with_methods:
         text += (
             " The frustum of a method has the method's colour, as have its series and the cloud "

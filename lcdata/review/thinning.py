@@ -70,9 +70,9 @@ def spread(count: int, at_most: int, seed: int) -> NDArray[np.int64]:
     """Rows of one item of each of `at_most` equal stretches, at random; all if they are fewer."""
     if count <= at_most:
         return np.arange(count)
-    bounds = np.linspace(0, count, at_most + 1)
+    bounds = np.linspace(0, count, at_most + 1).astype(np.int64)
     place = np.random.default_rng(seed).random(at_most)
-    return (bounds[:-1] + place * np.diff(bounds)).astype(np.int64)
+    return bounds[:-1] + (place * np.diff(bounds)).astype(np.int64)
 
 
 def plan(

@@ -49,7 +49,7 @@ class Trials:
         run: Name of the run; empty if there are no results.
         all: Every trial of the run.
         stale: How many of them were measured against another ground truth, and recomputed.
-        other_runs: Runs that are stored and not shown.
+        other_runs: Runs that are stored and not shown, by the time they were written.
     """
 
     run: str = ""
@@ -112,7 +112,8 @@ def choose_trials(dataset: Dataset, run: str | None = None) -> Trials:
         run = max(paths, key=lambda name: (paths[name].stat().st_mtime_ns, name), default="")
     if run not in paths:
         return Trials(other_runs=tuple(paths))
-    others = tuple(name for name in paths if name != run)
+    by_age = sorted(paths, key=lambda name: (paths[name].stat().st_mtime_ns, name))
+    others = tuple(name for name in by_age if name != run)
     return replace(trials_of_file(dataset, paths[run]), other_runs=others)
 
 

@@ -114,6 +114,7 @@ def test_images_keep_their_bytes_distorted_or_not(rrd, dataset):
             recorded = (dataset.path / dataset.pairs[number].image).read_bytes()
             assert bytes(blobs[number][0]) == recorded
             assert types[number] == [media_type]
+    assert rrd.rows("/camera/image/den/jpeg", "EncodedImage:blob")[4] == []  # no longer shown
 
 
 def test_the_camera_is_logged_again_only_when_it_changes(rrd, dataset):

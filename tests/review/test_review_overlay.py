@@ -8,10 +8,21 @@ from hypothesis import strategies as st
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
 from lcdata.review import colours
-from lcdata.review.overlay import clip_segments, project_cloud, project_segments
+from lcdata.review.overlay import (
+    clip_segments,
+    image_strips,
+    project_cloud,
+    project_segments,
+    project_strips,
+)
 from lcdata.review.pairs import frustum
 
 CAMERA = Camera("pinhole", 100, 80, (60.0, 60.0, 50.0, 40.0))
+LENSES = (
+    Camera("pinhole", 100, 80, (60.0, 60.0, 50.0, 40.0), (-0.2, 0.03, 0, 0, 0)),
+    Camera("fisheye", 120, 100, (40.0, 40.0, 60.0, 50.0), (0.02, -0.01, 0.003, -0.0004)),
+    Camera("equirectangular", 200, 100),
+)
 
 
 def test_a_segment_that_reaches_behind_the_camera_is_cut_in_front_of_it():
@@ -45,6 +56,38 @@ def test_clipped_segments_are_the_part_of_the_line_that_is_inside(values):
     if len(inside) > 2:
         step = np.linalg.norm(segment[0, 1] - segment[0, 0]) / 2000 + 1e-6
         np.testing.assert_allclose(clipped[0], [inside[0], inside[-1]], atol=2 * step)
+
+
+@pytest.mark.parametrize("camera", LENSES, ids=lambda camera: camera.model)
+def test_lines_are_bent_as_the_lens_bends_them(camera):
+    """Points of the strips look along the segment, and no strip crosses the picture."""
+    segments = np.array([[[-1.5, 0.4, 3.0], [1.2, -0.3, 2.5]], [[0.1, -9.0, 4.0], [0.1, 9.0, 4.0]]])
+    if camera.model == "equirectangular":
+        segments = np.concatenate([segments, [[[-1.0, 0.2, -2.0], [1.0, 0.2, -2.0]]]])
+    T = se3.exp([0.1, -0.05, 0.2, 0.05, -0.1, 0.2])
+    strips = project_strips(camera, T, segments)
+    assert len(strips) == (4 if camera.model == "equirectangular" else 2)
+    normals = [np.cross(*ends) for ends in se3.apply(T, segments.reshape(-1, 3)).reshape(-1, 2, 3)]
+    normals = [normal / np.linalg.norm(normal) for normal in normals]
+    for strip in strips:
+        assert np.abs(np.diff(strip[:, 0])).max() < camera.width / 2
+        assert camera.contains(strip).all()
+        away = np.abs(camera.unproject(strip) @ np.transpose(normals)).max(axis=0)
+        assert away.min() < 1e-4
+
+
+def test_lines_of_the_undistorted_image_are_put_back():
+    camera = LENSES[0]
+    plain = camera.undistorted()
+    segment = np.array([[[20.0, 15.0], [70.0, 60.0]]])
+    (strip,) = image_strips(camera, segment)
+    rays = camera.unproject(strip)
+    pixels, _ = plain.project(rays)
+    direction = np.array([50.0, 45.0]) / np.hypot(50, 45)
+    offsets = pixels - segment[0, 0]
+    np.testing.assert_allclose(offsets @ [-direction[1], direction[0]], 0, atol=1e-3)
+    np.testing.assert_allclose(pixels[[0, -1]], segment[0], atol=1e-3)
+    np.testing.assert_array_equal(image_strips(plain, segment)[0], segment[0])
 
 
 def test_a_full_cloud_is_thinned_evenly():

@@ -12,9 +12,12 @@ from subprocess import Popen
 from typing import TYPE_CHECKING
 
 import pytest
-from box_room import CLEAN, add_results, make
+from box_room import CLEAN, RUN, add_results, make
 
-from lcdata.review import save_review
+from lcdata.evaluation.results import results_path, write_run
+from lcdata.review import Wanted, save_review
+from lcdata.review.live import Options, follow
+from lcdata.review.live_viewer import into_file
 from lcdata.review.one_pair import save_pair_review
 from lcdata.review.viewer import serve_command, viewer_command
 
@@ -63,12 +66,28 @@ def showing(path: Path, capfd: pytest.CaptureFixture[str]) -> Iterator[ViewerCli
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["arm", "static", "no results"])
+@pytest.mark.parametrize("kind", ["arm", "static", "no results", "two runs", "live"])
 def test_no_view_reports_an_error_or_a_warning(tmp_path, capfd, kind):
     dataset = make(tmp_path / "set", arm=kind != "static", pairs=1)
-    if kind != "no results":
-        add_results(dataset)
-    path = save_review(dataset, tmp_path / "review.rrd").path
+    results = [] if kind == "no results" else add_results(dataset)
+    path, wanted = tmp_path / "review.rrd", Wanted()
+    if kind == "two runs":
+        write_run(results_path(dataset, "other"), results)
+        wanted = Wanted(compare=RUN)
+    if kind == "live":
+        stored = results_path(dataset, RUN)
+        stored.unlink()
+        looks = iter([lambda: write_run(stored, results[:2]), lambda: write_run(stored, results)])
+
+        def ended() -> bool:
+            look = next(looks, None)
+            if look:
+                look()
+            return look is None
+
+        follow(dataset, Options(wanted, poll_s=0.01), into_file("live", path), ended=ended)
+    else:
+        save_review(dataset, path, wanted=wanted)
     with showing(path, capfd) as viewer:
         for number, record in enumerate(dataset.pairs):
             viewer.set_time("pair", sequence=number, play_state="paused")
