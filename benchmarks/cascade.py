@@ -83,6 +83,7 @@ def kitti(options):
     if not there(folder):
         return
     pairs = [real_pair(folder, path.stem) for path in sorted(folder.glob("*.pcd"))]
+    create("cascade").calibrate(pairs[:1], pairs[0].T_camera_lidar)  # compiles
     print("kitti_road (target of five frames: all within 0.5 deg / 0.1 m; 0.15 deg / 25 mm)")
     count = min(options.seeds[1] - options.seeds[0], 10)
     for size in options.frames:

@@ -3,6 +3,7 @@
     python benchmarks/wide.py                    # five frames from 1 deg / 0.1 m and 5 deg / 0.5 m
     python benchmarks/wide.py --frames 1 3 10    # other numbers of frames
     python benchmarks/wide.py --simulated gym    # pairs of one simulated rig in several scenes
+    python benchmarks/wide.py --lenses           # what a distorted lens costs
 
 Real frames are those of ../shared/data/kitti_road beside the checkout; where they are missing the
 part is skipped, and said so. Five frames are the first and the last five of the ten; other numbers
@@ -136,6 +137,32 @@ def simulated(options, calibrator):
                 report(first, rows, 0.0, (f"`wide.py --simulated {scenario} --frames {number}`",))
 
 
+LENSES = {
+    "pinhole": ("pinhole", (560.0, 560.0, 480.0, 270.0), ()),
+    "plumb_bob": ("pinhole", (560.0, 560.0, 480.0, 270.0), (-0.1, 0.02, 5e-4, -5e-4, 0.0)),
+    "fisheye": ("fisheye", (560.0, 560.0, 480.0, 270.0), (-0.02, 0.003, 0.0, 0.0)),
+    "omni": ("omni", (1.2, 1230.0, 1230.0, 480.0, 270.0), (-0.05, 0.01, 0.0, 0.0)),
+}
+"""Of 960 x 540 pixels and 560 pixels a radian each."""
+
+
+def lenses(calibrator):
+    """Five places of one simulated road by different cameras, from 1 deg / 0.1 m."""
+    from lcdata.geometry.camera import Camera
+    from lcdata.simulation import render_pair
+
+    for name, (model, intrinsics, distortion) in LENSES.items():
+        camera = Camera(model, 960, 540, intrinsics, distortion)
+        pairs = [
+            render_pair("road", seed=50, pose_index=i, lidar="os1_64", camera=camera)
+            for i in range(5)
+        ]
+        prepared = [calibrator.prepare(pair) for pair in pairs]
+        trial(calibrator, pairs[:1], prepared[:1], STARTS["1/0.1"], 0)  # compiles
+        rows = [trial(calibrator, pairs, prepared, STARTS["1/0.1"], seed) for seed in range(2)]
+        report((f"`wide`, {name}", "5", started_from("1/0.1")), rows, 0.0, ("`wide.py --lenses`",))
+
+
 def show(name, row):
     place = f"{row['degrees']:.3f} deg {row['metres']:.3f} m"
     print(f"    {name:24s} {place} {row['converged']} {row['message']}", flush=True)
@@ -147,11 +174,14 @@ def main():
     parser.add_argument("--starts", nargs="+", choices=STARTS, default=["1/0.1", "5/0.5"])
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(10)))
     parser.add_argument("--simulated", nargs="+", default=[], help="scenarios, instead of KITTI")
+    parser.add_argument("--lenses", action="store_true", help="several cameras, instead of KITTI")
     parser.add_argument("--verbose", action="store_true", help="each trial")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     calibrator = create("wide")
-    if options.simulated:
+    if options.lenses:
+        lenses(calibrator)
+    elif options.simulated:
         simulated(options, calibrator)
     else:
         kitti(options, calibrator)

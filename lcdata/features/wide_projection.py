@@ -13,16 +13,16 @@ from numba import njit
 
 from lcdata.geometry.camera_formulas import (
     ATAN,
-    BROWN,
     EQUIRECTANGULAR,
     FISHEYE,
     FOCAL,
     LENS,
     LIMIT,
     OMNI,
+    TILT,
     XI,
 )
-from lcdata.geometry.camera_kernels import FAST, project_point
+from lcdata.geometry.camera_kernels import FAST
 
 NEAREST = np.float32(0.1)
 """Points nearer to a pinhole's plane, or behind it, are outside, metres."""
@@ -82,23 +82,22 @@ def pixels(model, parameters, pose, points, us, vs):  # type: ignore[no-untyped-
         vs: (N,) float32, written: rows.
     """
     p = parameters.astype(np.float32)
-    if model in (BROWN, OMNI):
-        _plane(model, p, pose, points, us, vs)
-    elif model in (FISHEYE, ATAN):
+    if model in (FISHEYE, ATAN):
         _circle(model, p, pose, points, us, vs)
     elif model == EQUIRECTANGULAR:
         _panorama(p, pose, points, us, vs)
     else:
-        _one_by_one(model, parameters, pose, points, us, vs)
+        _plane(model, p, pose, points, us, vs)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _plane(model, p, pose, points, us, vs):  # type: ignore[no-untyped-def]
-    """Pinholes and the unified model, distorted."""
+    """Pinholes, tilted or not, and the unified model, all distorted."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = pose
     xs, ys, zs = points[0], points[1], points[2]
     fx, fy, cx, cy = p[FOCAL], p[FOCAL + 1], p[FOCAL + 2], p[FOCAL + 3]
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = p[LENS : LENS + 12]
+    h00, h01, h02, h10, h11, h12, h20, h21, h22 = p[TILT : TILT + 9]
     limit = p[LIMIT] * p[LIMIT]
     is_omni = model == OMNI
     xi = p[XI] if is_omni else _ZERO
@@ -122,8 +121,9 @@ def _plane(model, p, pose, points, us, vs):  # type: ignore[no-untyped-def]
         ab = _TWO * a * b
         u = a * scale + p1 * ab + p2 * (t + _TWO * a * a) + t * (s1 + t * s2)
         v = b * scale + p1 * (t + _TWO * b * b) + p2 * ab + t * (s3 + t * s4)
-        us[i] = fx * u + cx if ok else UNSEEN
-        vs[i] = fy * v + cy if ok else _ZERO
+        onto = _ONE / (h20 * u + h21 * v + h22)
+        us[i] = fx * (h00 * u + h01 * v + h02) * onto + cx if ok else UNSEEN
+        vs[i] = fy * (h10 * u + h11 * v + h12) * onto + cy if ok else _ZERO
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
@@ -170,20 +170,3 @@ def _panorama(p, pose, points, us, vs):  # type: ignore[no-untyped-def]
         u = _HALF * width + across * turn - _HALF
         us[i] = u if u < width - _HALF else u - width  # +180 deg is -180 deg
         vs[i] = _HALF * height + down * rise - _HALF
-
-
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _one_by_one(model, parameters, pose, points, us, vs):  # type: ignore[no-untyped-def]
-    """The other models, as they are seldom met: 20 ns a point."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, tx, ty, tz = pose
-    for i in range(points.shape[1]):
-        x, y, z = np.float64(points[0, i]), np.float64(points[1, i]), np.float64(points[2, i])
-        u, v, ok = project_point(
-            model,
-            parameters,
-            r00 * x + r01 * y + r02 * z + tx,
-            r10 * x + r11 * y + r12 * z + ty,
-            r20 * x + r21 * y + r22 * z + tz,
-        )
-        us[i] = np.float32(u) if ok else UNSEEN
-        vs[i] = np.float32(v) if ok else _ZERO

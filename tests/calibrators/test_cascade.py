@@ -10,6 +10,8 @@ from line_scene import errors, perturbed
 from nid_scene import textured_pair
 
 from lcdata.calibrators import available, calibrate, create
+from lcdata.calibrators.base import Calibration
+from lcdata.calibrators.evidence import Finding
 from lcdata.errors import CalibrationError
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
@@ -24,16 +26,25 @@ def yard():
     return render_pair("yard", seed=31, columns=1024, width=960, height=540)
 
 
+@pytest.fixture(scope="module")
+def joint(yard):
+    """The cascade in the yard from far off: method, start, what it kept, and its result."""
+    method = create("cascade")
+    prepared = [method.prepare(yard)]
+    assert prepared[0].features == {}
+    start = perturbed(yard.T_camera_lidar, np.random.default_rng(0), 5.0, 0.5)
+    return method, start, prepared, method.calibrate([yard], start, prepared)
+
+
 def test_is_registered():
     assert "cascade" in available()
     with pytest.raises(CalibrationError, match="search_rotation_deg is 0"):
         create("cascade", search_rotation_deg=0)
 
 
-def test_lines_are_confirmed_and_refined_by_intensities(yard):
-    start = perturbed(yard.T_camera_lidar, np.random.default_rng(0), 5.0, 0.5)
-    lines = calibrate(yard, start, method="projection")
-    found = calibrate(yard, start, method="cascade")
+def test_lines_are_confirmed_and_refined_by_intensities(yard, joint):
+    _, start, prepared, found = joint
+    lines = create("projection").calibrate([yard], start, [prepared[0].features["projection"]])
     assert found.converged, found.message
     assert "projection converged; averaged with intensities and edges" in found.message
     rotation, translation = errors(found.T_camera_lidar, yard.T_camera_lidar)
@@ -45,16 +56,24 @@ def test_lines_are_confirmed_and_refined_by_intensities(yard):
     assert len(found.matches.pair_index) == len(lines.matches.pair_index)
 
 
-def test_features_are_made_once_and_only_what_is_asked_for(yard):
-    method = create("cascade")
-    prepared = [method.prepare(yard)]
-    assert prepared[0].features == {}
-    start = perturbed(yard.T_camera_lidar, np.random.default_rng(0), 5.0, 0.5)
-    method.calibrate([yard], start, prepared)
+def test_features_are_made_once_and_only_what_is_asked_for(yard, joint):
+    method, start, prepared, _ = joint
     assert set(prepared[0].features) == {"projection", "nid_edge"}
     kept = dict(prepared[0].features)
     method.calibrate([yard], start, prepared)
     assert all(prepared[0].features[name] is features for name, features in kept.items())
+
+
+def finding(name, converged):
+    nothing = np.full((6, 6), np.nan)
+    return Finding(name, Calibration(np.eye(4), converged, False, nothing, 0.0, 2.0, 1.0))
+
+
+def test_only_what_halves_have_tested_may_be_twice_as_uncertain():
+    method = create("cascade", max_rotation_sigma_deg=0.2, max_translation_sigma_m=0.04)
+    assert method._limits(finding("wide", True)) == (0.08, 0.4)
+    assert method._limits(finding("wide", False)) == (0.04, 0.2)
+    assert method._limits(finding("projection", True)) == (0.04, 0.2)
 
 
 def test_without_intensities_there_is_no_second_witness(yard):
@@ -66,9 +85,10 @@ def test_without_intensities_there_is_no_second_witness(yard):
 
 
 def test_another_pairs_image_is_a_failure_that_says_its_steps(yard):
-    other = render_pair("gym", seed=31, columns=1024, width=960, height=540)
+    other = render_pair("gym", seed=31, lidar="os1_64", columns=512, width=960, height=540)
     mixed = replace(yard, image=other.image)
-    found = calibrate(mixed, yard.T_camera_lidar, method="cascade")
+    near = {"search_rotation_deg": 3.0, "search_translation_m": 0.3}
+    found = calibrate(mixed, yard.T_camera_lidar, method="cascade", **near)
     assert not found.converged
     assert "projection did not converge" in found.message
     assert "wide did not converge" in found.message

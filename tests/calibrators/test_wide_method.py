@@ -76,7 +76,7 @@ def test_one_pair_is_of_low_confidence_and_repeatable():
 
 
 def test_copies_of_a_pair_are_no_evidence():
-    pair = textured_pair(11, points=4000)
+    pair = textured_pair(11, points=1500)
     start = perturb(pair.T_camera_lidar, 0.5, 0.05, np.random.default_rng(0))
     result = usable(
         calibrate(
