@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import lcdata
 from lcdata.calibrators.base import Calibration, Calibrator
 from lcdata.errors import CalibrationError, LcdataError
-from lcdata.evaluation.protocol import Protocol
+from lcdata.evaluation.protocol import NoGuesses, Protocol
 from lcdata.evaluation.results import Guess, TrialResult
 from lcdata.geometry.se3 import check_transform
 
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 Work = tuple[tuple[str, int], ...]
 """Label of a method and number of a trial, one estimate each."""
+
+
+NEEDS_GUESS = "needs an initial guess: start it from truth, auto, picks or matches"
+"""What a method says that is run without one and cannot be."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,8 @@ class Task:
         """Where a trial starts."""
         if trial in self.guesses:
             return self.guesses[trial]
+        if isinstance(self.protocol, NoGuesses):
+            return Guess(None, self.pose.pose_version)
         truth = self.pose.T_camera_lidar
         T = self.protocol.initial_guess(truth, self.pair_ids, trial)
         return Guess(T, self.pose.pose_version)
@@ -103,6 +109,10 @@ def run_task(task: Task) -> Iterator[Begin | TrialResult]:
     for label in dict.fromkeys(label for label, _ in task.work):
         method = task.methods[label]
         work = tuple(piece for piece in task.work if piece[0] == label)
+        if method.needs_initial and isinstance(task.protocol, NoGuesses):
+            for _, trial in work:
+                yield failure(task, label, trial, NEEDS_GUESS)
+            continue
         key = front_end(method)
         if key not in shared:
             yield Begin("preparing features", work)
@@ -151,9 +161,9 @@ def _run_trial(
     blank = failure(task, label, trial, "")
     start = time.perf_counter()
     try:
-        calibration = task.methods[label].calibrate(
-            pairs, blank.T_camera_lidar_initial.copy(), features.prepared
-        )
+        initial = blank.T_camera_lidar_initial
+        initial = None if initial is None else initial.copy()
+        calibration = task.methods[label].calibrate(pairs, initial, features.prepared)
         seconds = features.seconds + time.perf_counter() - start
         if not isinstance(calibration, Calibration):
             raise CalibrationError(f"{label} returned {type(calibration).__name__}")

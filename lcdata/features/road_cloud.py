@@ -223,7 +223,7 @@ def _flatness(points: Array, normal: Array, d: float, half: float) -> float:
     if not low.any():
         return 0.0
     side = int(np.ceil(2 * FLAT_REACH_M / FLAT_CELL_M))
-    cell = ((flat[low, :2] + FLAT_REACH_M) / FLAT_CELL_M).astype(np.int64) @ [side, 1]
+    cell = ((flat[low, :2] + FLAT_REACH_M) / FLAT_CELL_M).astype(np.int64) @ np.array([side, 1])
     lowest = np.full(side * side, np.inf)
     np.minimum.at(lowest, cell, flat[low, 2] - d)
     return float(np.mean(np.abs(lowest[np.isfinite(lowest)]) < 1.5 * half))

@@ -283,7 +283,9 @@ def _exhibit(exhibit: Exhibit) -> str:
         "Ground truth": "",
     }
     figures = "".join(
-        _picture(name, captions[name], exhibit.pictures.get(name)) for name in PICTURES
+        _picture(name, captions[name], exhibit.pictures.get(name))
+        for name in PICTURES
+        if name != PICTURES[0] or t.T_camera_lidar_initial is not None
     )
     return (
         f'<p class="trial"><b>{exhibit.rank}</b> <code>{where}</code>, trial {t.trial}: '

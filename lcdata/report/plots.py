@@ -159,7 +159,7 @@ def _panel(axes: Axes, trials: Sequence[TrialResult], quantity: Quantity, theme:
             if text := " ".join(notes):
                 axes.text(position, high, text, ha="center", va="bottom", size=8, color=theme.ink)
     axes.axhline(quantity.limit, color=theme.muted, lw=0.9, ls=(0, (5, 3)), zorder=1)
-    start = float(np.nanmedian(starts))
+    start = math.nan if np.isnan(starts).all() else float(np.nanmedian(starts))
     if low < start < high:
         axes.axhline(start, color=theme.muted, lw=0.9, ls=(0, (1, 2)), zorder=1)
     axes.set_xticks(range(len(scenarios)), [s.replace("_", " ") for s in scenarios])

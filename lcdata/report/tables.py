@@ -185,11 +185,12 @@ def trials_csv(results: Results) -> str:
         }
         row["pair_ids"] = " ".join(trial.pair_ids)
         row |= {"success": trial.success, "rebased": trial.rebased}
-        estimated = trial.T_camera_lidar_estimated
-        initial = se3.to_xyz_xyzw(trial.T_camera_lidar_initial)
-        row |= {f"initial_{name}": value for name, value in zip(POSE, initial, strict=True)}
-        estimate = [math.nan] * 7 if estimated is None else se3.to_xyz_xyzw(estimated)
-        row |= {f"estimated_{name}": value for name, value in zip(POSE, estimate, strict=True)}
+        for word, T in (
+            ("initial", trial.T_camera_lidar_initial),
+            ("estimated", trial.T_camera_lidar_estimated),
+        ):
+            values = [math.nan] * 7 if T is None else se3.to_xyz_xyzw(T)
+            row |= {f"{word}_{name}": value for name, value in zip(POSE, values, strict=True)}
         row["matched_lines"] = len(trial.matches.pair_index)
         if writer is None:
             writer = csv.DictWriter(out, list(row), lineterminator="\n")

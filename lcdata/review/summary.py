@@ -77,10 +77,10 @@ def pair_text(number: int, count: int, record: PairRecord, pose: PoseRecord, tri
     if not shown:
         return "\n\n".join(lines) + "\n"
     first = next(iter(shown.values()))
-    lines.append(
-        f"From {error_text(first.initial_rotation_error_deg, first.initial_translation_error_m)} "
-        f"(trial {first.trial}):"
-    )
+    start = error_text(first.initial_rotation_error_deg, first.initial_translation_error_m)
+    if first.T_camera_lidar_initial is None:
+        start = "nothing"
+    lines.append(f"From {start} (trial {first.trial}):")
     table = [
         "| method | outcome | rotation (deg) | translation (m) | sigmas | lines | seconds |",
         "|---|---|---|---|---|---|---|",
@@ -131,6 +131,8 @@ def _protocol(trials: Trials) -> str:
     start = f"from {first.init_rotation_deg:g} deg and {first.init_translation_m:g} m on each axis"
     if math.isnan(first.init_rotation_deg):
         start = "from initial guesses that were given"
+    if first.T_camera_lidar_initial is None:
+        start = "from nothing"
     text = f"Run `{trials.run}`: {start}, {count_text(len(trials.all), 'trial')}. "
     if trials.per_pair > 1:
         text += (
