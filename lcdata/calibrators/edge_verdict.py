@@ -7,7 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.calibrators.nid_verdict import REACH
+from lcdata.calibrators.agreement import (
+    box_doubts,
+    contrast_doubts,
+    depth_and_contrast,
+    halves_apart,
+    halves_doubts,
+)
 from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.edge_alignment import GATES, Aligned, Alignment, Matches
@@ -27,9 +33,6 @@ MIN_SHARE = 0.2
 
 PARALLEL = 0.02
 """Second over first eigenvalue of the edges' directions below which they are all parallel."""
-
-MIN_CONTRAST = 3.0
-"""Least depth of the minimum under the mean of poses around, in their standard deviations."""
 
 RIVAL = 0.93
 """Another minimum of at least so much of the gain makes the result ambiguous."""
@@ -70,13 +73,8 @@ def judge(
         doubts.append(f"only {count} edge points match")
     if count < MIN_SHARE * last.count:
         doubts.append(f"only {count} of {last.count} edge points in view match")
-    turned = np.abs(se3.log(found.T @ se3.inverse(T_initial))[3:]) / box[3:]
-    moved = np.abs((found.T - T_initial)[:3, 3]) / box[:3]
-    if max(turned.max(), moved.max()) > REACH:
-        doubts.append("the estimate left the box of the search")
-    stands_out = contrast(last, found.T, box, rng)
-    if stands_out < MIN_CONTRAST:
-        doubts.append(f"poses around fit nearly as well (contrast {stands_out:.1f})")
+    doubts += box_doubts(found.T, T_initial, box)
+    doubts += contrast_doubts(contrast(last, found.T, box, rng))
     for other in others:
         near_m = se3.translation_error(other.T, found.T)
         near_rad = se3.rotation_error(other.T, found.T)
@@ -84,10 +82,12 @@ def judge(
             place = f"{np.rad2deg(near_rad):.2g} deg and {near_m:.2g} m away"
             doubts.append(f"a second minimum {place} gains {other.cost / found.cost:.0%} as much")
             break
-    apart = halves_apart(last, found.T, box, rng)
-    if apart[0] > AGREE_M or apart[1] > AGREE_RAD:
-        what = "halves of the pairs" if len(last.views) > 1 else "halves of the image"
-        doubts.append(f"{what} disagree by {np.rad2deg(apart[1]):.2g} deg, {apart[0]:.2g} m")
+
+    def search(half: int, start: Array) -> Array:
+        return last.half(half).minimise(start, GATES[1:]).T
+
+    apart = halves_apart(search, found.T, box, 0.2, rng)
+    doubts += halves_doubts(apart, len(last.views), AGREE_M, AGREE_RAD)
     return covariance, undetermined, doubts
 
 
@@ -129,25 +129,4 @@ def contrast(last: Alignment, T: Array, box: Array, rng: np.random.Generator) ->
     around = rng.uniform(-1, 1, (150, 6)) * np.concatenate([box[3:], box[:3]])
     thin = last.thinned(1500, rng)
     costs = thin.costs(np.concatenate([T[None], displaced(T, around)]), 2)
-    return float((costs[1:].mean() - costs[0]) / max(float(costs[1:].std()), 1e-12))
-
-
-def halves_apart(
-    last: Alignment, T: Array, box: Array, rng: np.random.Generator
-) -> tuple[float, float]:
-    """How far halves of the data, each aligned from elsewhere, come from each other and from T.
-
-    Returns:
-        Metres and radians, the largest.
-    """
-    poses = [T]
-    width = np.concatenate([box[3:], box[:3]])
-    for odd in (0, 1):
-        start = displaced(T, rng.uniform(-0.2, 0.2, (1, 6)) * width)[0]
-        poses.append(last.half(odd).minimise(start, GATES[1:]).T)
-    metres, radians = 0.0, 0.0
-    for i in range(3):
-        for j in range(i):
-            metres = max(metres, se3.translation_error(poses[i], poses[j]))
-            radians = max(radians, se3.rotation_error(poses[i], poses[j]))
-    return metres, radians
+    return depth_and_contrast(costs)[1]

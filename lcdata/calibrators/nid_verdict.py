@@ -12,6 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcdata.calibrators.agreement import (
+    AGREE_M,
+    AGREE_RAD,
+    box_doubts,
+    contrast_doubts,
+    depth_and_contrast,
+    halves_apart,
+    halves_doubts,
+)
 from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.nid_search import Stage, bfgs, shrinking_search
@@ -19,12 +28,6 @@ from lcdata.features.pose_cost import PoseCost
 from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
-
-AGREE_M, AGREE_RAD = 0.1, np.deg2rad(0.5)
-"""Halves of the data must come to poses this close, as far as a success may be off."""
-
-MIN_CONTRAST = 3.0
-"""Least depth of the minimum under the mean of poses around, in their standard deviations."""
 
 RIVAL = 0.9
 """Another minimum of at least so much of the depth makes the result ambiguous."""
@@ -37,9 +40,6 @@ PROBE = np.repeat([0.004, np.deg2rad(0.04)], 3)
 
 CURVATURE_POINTS = 30_000
 """Points of a pair that the curvature is taken from."""
-
-REACH = 1.5
-"""Largest correction of the initial guess on one axis, in half-widths of the box."""
 
 HALF_STAGES = (
     Stage(0, 0.3, 30, 400),
@@ -88,22 +88,20 @@ def judge(
     else:
         covariance = gaussian[0]
         undetermined += too_uncertain(covariance, *limits)
-    turned = np.abs(se3.log(found.T @ se3.inverse(T_initial))[3:]) / box[3:]
-    moved = np.abs((found.T - T_initial)[:3, 3]) / box[:3]
-    if max(turned.max(), moved.max()) > REACH:
-        doubts.append("the estimate left the box of the search")
+    doubts += box_doubts(found.T, T_initial, box)
     depth, contrast = landscape(last, found.T, box, rng)
-    if contrast < MIN_CONTRAST:
-        doubts.append(f"poses around fit nearly as well (contrast {contrast:.1f})")
+    doubts += contrast_doubts(contrast)
     for T, rival_depth in _rivals(last, found, depth):
         degrees = np.rad2deg(se3.rotation_error(T, found.T))
         metres = se3.translation_error(T, found.T)
         place = f"{degrees:.2g} deg and {metres:.2g} m away"
         doubts.append(f"a second minimum {place} is {rival_depth:.0%} as deep")
-    apart = halves_apart(last, found.T, box, rng)
-    if apart[0] > AGREE_M or apart[1] > AGREE_RAD:
-        what = "halves of the pairs" if len(last.views) > 1 else "halves of the image"
-        doubts.append(f"{what} disagree by {np.rad2deg(apart[1]):.2g} deg, {apart[0]:.2g} m")
+
+    def search(half: int, start: Array) -> Array:
+        return _half_minimum(last.half(half), start, box, rng)
+
+    apart = halves_apart(search, found.T, box, 0.25, rng)
+    doubts += halves_doubts(apart, len(last.views))
     return covariance, undetermined, doubts
 
 
@@ -166,11 +164,7 @@ def landscape(
     around = rng.uniform(-1, 1, (200, 6)) * np.concatenate([box[3:], box[:3]])
     thin = last.thinned(8000, rng)
     costs = thin.hard(np.concatenate([T[None], displaced(T, around)]))
-    rest = costs[1:][np.isfinite(costs[1:])]
-    if len(rest) < 20:
-        return 0.0, 0.0
-    depth = float(rest.mean() - costs[0])
-    return depth, depth / max(float(rest.std()), 1e-12)
+    return depth_and_contrast(costs, 20)
 
 
 def _rivals(last: PoseCost, found: Minimum, depth: float) -> list[tuple[Array, float]]:
@@ -189,25 +183,9 @@ def _rivals(last: PoseCost, found: Minimum, depth: float) -> list[tuple[Array, f
     return result[:1]
 
 
-def halves_apart(
-    last: PoseCost, T: Array, box: Array, rng: np.random.Generator
-) -> tuple[float, float]:
-    """How far halves of the data, each searched from elsewhere, come from each other and from T.
-
-    Returns:
-        Metres and radians, the largest.
-    """
-    poses = [T]
+def _half_minimum(half: PoseCost, start: Array, box: Array, rng: np.random.Generator) -> Array:
+    """The minimum of half of the data."""
     width = np.concatenate([box[3:], box[:3]])
-    for odd in (0, 1):
-        half = last.half(odd)
-        start = displaced(T, rng.uniform(-0.25, 0.25, (1, 6)) * width)[0]
-        thin = half.thinned(3000 * len(half.views), rng)
-        found, _ = shrinking_search([thin.hard], start, 0.5 * width, 1000, HALF_STAGES, rng)
-        poses.append(bfgs(half.thinned(15_000, rng).slope, found[0], 0.3 * box, 20, 1e-6)[0])
-    metres, radians = 0.0, 0.0
-    for i in range(3):
-        for j in range(i):
-            metres = max(metres, se3.translation_error(poses[i], poses[j]))
-            radians = max(radians, se3.rotation_error(poses[i], poses[j]))
-    return metres, radians
+    thin = half.thinned(3000 * len(half.views), rng)
+    found, _ = shrinking_search([thin.hard], start, 0.5 * width, 1000, HALF_STAGES, rng)
+    return bfgs(half.thinned(15_000, rng).slope, found[0], 0.3 * box, 20, 1e-6)[0]

@@ -12,13 +12,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lcdata.calibrators.nid_verdict import AGREE_M, AGREE_RAD, MIN_CONTRAST, REACH
+from lcdata.calibrators.agreement import (
+    box_doubts,
+    contrast_doubts,
+    depth_and_contrast,
+    halves_apart,
+    halves_doubts,
+)
 from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.features.chamfer_search import displaced
 from lcdata.features.nid_search import Stage, shrinking_search
 from lcdata.features.segment_objective import Prior, SegmentObjective
 from lcdata.features.segment_search import bowl, swapped
-from lcdata.geometry import se3
 
 Array = NDArray[np.float64]
 
@@ -74,17 +79,13 @@ def judge(
         undetermined.append("the cost is not curved upwards")
     else:
         undetermined += too_uncertain(covariance, *limits)
-    turned = np.abs(se3.log(T @ se3.inverse(T_initial))[3:]) / box[3:]
-    moved = np.abs((T - T_initial)[:3, 3]) / box[:3]
-    if max(turned.max(), moved.max()) > REACH:
-        doubts.append("the estimate left the box of the search")
-    contrast = contrast_of(last, T, box, rng)
-    if contrast < MIN_CONTRAST:
-        doubts.append(f"poses around fit nearly as well (contrast {contrast:.1f})")
-    metres, radians = halves_apart(last, T, box, rng)
-    if metres > AGREE_M or radians > AGREE_RAD:
-        what = "halves of the pairs" if len(last.views) > 1 else "halves of the image"
-        doubts.append(f"{what} disagree by {np.rad2deg(radians):.2g} deg, {metres:.2g} m")
+    doubts += box_doubts(T, T_initial, box)
+    doubts += contrast_doubts(contrast_of(last, T, box, rng))
+
+    def search(half: int, start: Array) -> Array:
+        return _half_minimum(last.half(half), start, box, rng)
+
+    doubts += halves_doubts(halves_apart(search, T, box, 0.25, rng), len(last.views))
     return covariance, undetermined, doubts
 
 
@@ -127,31 +128,13 @@ def contrast_of(last: SegmentObjective, T: Array, box: Array, rng: np.random.Gen
     thin = last.thinned(5000 * len(last.views), rng)
     around = displaced(T, rng.uniform(-1, 1, (AROUND, 6)) * swapped(box))
     costs = thin.hard(np.concatenate([T[None], around]))
-    rest = costs[1:][np.isfinite(costs[1:])]
-    if len(rest) < AROUND // 4 or not np.isfinite(costs[0]):
-        return 0.0
-    return float((rest.mean() - costs[0]) / max(float(rest.std()), 1e-12))
+    return depth_and_contrast(costs, AROUND // 4)[1]
 
 
-def halves_apart(
-    last: SegmentObjective, T: Array, box: Array, rng: np.random.Generator
-) -> tuple[float, float]:
-    """How far halves of the data, each searched from elsewhere, come from each other and from T.
-
-    Returns:
-        Metres and radians, the largest.
-    """
-    poses = [T]
-    width = swapped(box)
-    for odd in (0, 1):
-        half = last.half(odd)
-        start = displaced(T, rng.uniform(-0.25, 0.25, (1, 6)) * width)[0]
-        thin = half.thinned(HALF_POINTS * len(half.views), rng)
-        found, _ = shrinking_search([thin.hard], start, 0.5 * width, 800, HALF_STAGES, rng)
-        poses.append(found[0])
-    metres, radians = 0.0, 0.0
-    for i in range(3):
-        for j in range(i):
-            metres = max(metres, se3.translation_error(poses[i], poses[j]))
-            radians = max(radians, se3.rotation_error(poses[i], poses[j]))
-    return metres, radians
+def _half_minimum(
+    half: SegmentObjective, start: Array, box: Array, rng: np.random.Generator
+) -> Array:
+    """The minimum of half of the data."""
+    thin = half.thinned(HALF_POINTS * len(half.views), rng)
+    found, _ = shrinking_search([thin.hard], start, 0.5 * swapped(box), 800, HALF_STAGES, rng)
+    return np.asarray(found[0])

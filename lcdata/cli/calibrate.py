@@ -51,8 +51,9 @@ def calibrate(
         str,
         typer.Option(
             help="Where to start: the ground truth with that error (truth), a guess from the pair "
-            "alone (auto), picks (`lcdata pick`), a CSV of matches u,v,x,y,z, or calib.json or "
-            "BAG_matches.json of direct_visual_lidar_calibration."
+            "alone (auto), picks (`lcdata pick`), a CSV of matches u,v,x,y,z, calib.json or "
+            "BAG_matches.json of direct_visual_lidar_calibration, or from nothing (none) with "
+            "methods that can (crlf with masks)."
         ),
     ] = "truth",
     route: Annotated[str, typer.Option(help="Of --init auto: auto, edges or matching.")] = "auto",
@@ -76,7 +77,7 @@ def calibrate(
     force: Annotated[bool, typer.Option("--force", help="Compute stored results again.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Run methods from perturbed initial guesses, or from given ones, and store the results."""
+    """Run methods from perturbed initial guesses, given ones or none, and store the results."""
     from lcdata.calibrators.settings import configured
     from lcdata.dataset import Dataset
     from lcdata.errors import CalibrationError
@@ -107,7 +108,7 @@ def calibrate(
         source, initial = found.source, found.initial
         for note in found.notes:
             typer.echo(f"lcdata: note: {note}", err=True)
-    elif init != "truth":
+    elif init not in ("truth", "none"):
         source, initial = given_guesses(
             opened, init, lambda words: typer.echo(f"lcdata: note: {words}", err=True)
         )
@@ -123,7 +124,8 @@ def calibrate(
             init_translation_m=init_translation,
             initial=initial,
             source=source,
-            trials=1 if initial else trials,
+            from_nothing=init == "none",
+            trials=trials if init == "truth" else 1,
             seed=seed,
             group=group,
             jobs=jobs,

@@ -137,9 +137,10 @@ def _stored(dataset: Dataset, group: str, source: str) -> dict[str, NDArray[np.f
     """Guesses that stored trials started from."""
     run = GivenGuesses(group=group, source=source).run
     return {
-        pair_id: trial.T_camera_lidar_initial
+        pair_id: T
         for trial in read_results(dataset, run).trials
         if trial.lcdata_version == lcdata.__version__
+        and (T := trial.T_camera_lidar_initial) is not None
         for pair_id in trial.pair_ids
     }
 

@@ -56,8 +56,8 @@ def given_guesses(
         return f"toolbox-{name}", initial
     raise CalibrationError(
         f"no initial guess {source!r}",
-        "use truth, picks, auto, a CSV of matches (u,v,x,y,z), or the NID toolbox's calib.json "
-        "or matches JSON",
+        "use truth, picks, auto, none, a CSV of matches (u,v,x,y,z), or the NID toolbox's "
+        "calib.json or matches JSON",
     )
 
 
@@ -87,6 +87,8 @@ def starts_there(trial: TrialResult, tasks: Sequence[Task]) -> bool:
     """Whether a stored trial started where its task starts now, or belongs to none of them."""
     for task in tasks:
         if task.pair_ids == trial.pair_ids:
-            now = task.guess(trial.trial).T_camera_lidar
-            return bool(np.abs(now - trial.T_camera_lidar_initial).max() < SAME)
+            now, then = task.guess(trial.trial).T_camera_lidar, trial.T_camera_lidar_initial
+            if now is None or then is None:
+                return now is then
+            return bool(np.abs(now - then).max() < SAME)
     return True

@@ -133,11 +133,23 @@ class GivenGuesses(Protocol):
 
     def made(self, trial: TrialResult) -> bool:
         """Whether a stored trial started from a given guess."""
-        return math.isnan(trial.init_rotation_deg) and trial.group == self.group
+        given = trial.T_camera_lidar_initial is not None
+        return given and math.isnan(trial.init_rotation_deg) and trial.group == self.group
 
     def holds(self, rotation_error_deg: float, translation_error_m: float) -> bool:
         """A guess of one's own may be as far off as it is."""
         return True
+
+
+@dataclass(frozen=True)
+class NoGuesses(GivenGuesses):
+    """No initial guesses: for methods that need none. Others fail and say so."""
+
+    source: str = "none"
+
+    def made(self, trial: TrialResult) -> bool:
+        """Whether a stored trial started from nothing."""
+        return trial.T_camera_lidar_initial is None and trial.group == self.group
 
 
 def perturb(

@@ -40,11 +40,11 @@ class Guess(NamedTuple):
     """An initial guess.
 
     Args:
-        T_camera_lidar: 4x4.
+        T_camera_lidar: 4x4; None for none.
         groundtruth_version: The ground truth that it was made from.
     """
 
-    T_camera_lidar: Array
+    T_camera_lidar: Array | None
     groundtruth_version: str
 
 
@@ -66,10 +66,10 @@ class TrialResult:
         group: "pair", or "pose" where all pairs of a pose were solved jointly.
         init_rotation_deg: Initial error about each axis, degrees.
         init_translation_m: Initial error along each axis, metres.
-        T_camera_lidar_initial: 4x4 initial guess.
+        T_camera_lidar_initial: 4x4 initial guess; None where the method got none.
         T_camera_lidar_estimated: 4x4 estimate; None if the method gave none.
         covariance: 6x6 that the method predicts for its estimate; NaN where unknown.
-        initial_rotation_error_deg: Geodesic angle of the initial guess, degrees.
+        initial_rotation_error_deg: Geodesic angle of the initial guess, degrees; NaN without one.
         initial_translation_error_m: L2 norm of the initial guess's error, metres.
         rotation_error_deg: Geodesic angle, degrees; NaN without an estimate.
         translation_error_m: L2 norm, metres; NaN without an estimate.
@@ -103,7 +103,7 @@ class TrialResult:
     group: str
     init_rotation_deg: float
     init_translation_m: float
-    T_camera_lidar_initial: Array
+    T_camera_lidar_initial: Array | None
     groundtruth_version: str
     T_camera_lidar_estimated: Array | None = None
     covariance: Array = field(default_factory=lambda: np.full((6, 6), np.nan))
@@ -143,7 +143,8 @@ class TrialResult:
     @property
     def rebased(self) -> bool:
         """Whether the initial guess was made from another ground truth than that of the errors."""
-        return self.initial_groundtruth_version not in {"", self.groundtruth_version}
+        guessed = self.T_camera_lidar_initial is not None
+        return guessed and self.initial_groundtruth_version not in {"", self.groundtruth_version}
 
     @property
     def key(self) -> tuple[str, tuple[str, ...], int]:
@@ -159,6 +160,7 @@ class TrialResult:
     def against(self, pose: PoseRecord) -> TrialResult:
         """The same trial, its errors measured against a pose's ground truth."""
         T, estimate = pose.T_camera_lidar, self.T_camera_lidar_estimated
+        initial = self.T_camera_lidar_initial
         sigma = metrics.groundtruth_sigma(T, pose.covariance)
         rotation_error_deg = translation_error_m = sigma_distance = math.nan
         if estimate is not None:
@@ -170,8 +172,12 @@ class TrialResult:
             rotation_error_deg=rotation_error_deg,
             translation_error_m=translation_error_m,
             sigma_distance=sigma_distance,
-            initial_rotation_error_deg=metrics.rotation_error_deg(self.T_camera_lidar_initial, T),
-            initial_translation_error_m=metrics.translation_error_m(self.T_camera_lidar_initial, T),
+            initial_rotation_error_deg=math.nan
+            if initial is None
+            else metrics.rotation_error_deg(initial, T),
+            initial_translation_error_m=math.nan
+            if initial is None
+            else metrics.translation_error_m(initial, T),
             groundtruth_rotation_sigma_deg=sigma.rotation_deg,
             groundtruth_translation_sigma_m=sigma.translation_m,
             groundtruth_version=pose.pose_version,
@@ -344,11 +350,10 @@ def _schema() -> pa.Schema:
 def _to_row(trial: TrialResult) -> dict[str, Any]:
     row = {f.name: getattr(trial, f.name) for f in dataclasses.fields(trial)}
     matches = row.pop("matches")
-    estimated = row["T_camera_lidar_estimated"]
+    for name in ("T_camera_lidar_initial", "T_camera_lidar_estimated"):
+        row[name] = None if row[name] is None else se3.to_xyz_xyzw(row[name])
     return row | {
         "pair_ids": list(trial.pair_ids),
-        "T_camera_lidar_initial": se3.to_xyz_xyzw(trial.T_camera_lidar_initial),
-        "T_camera_lidar_estimated": None if estimated is None else se3.to_xyz_xyzw(estimated),
         "covariance": np.ravel(trial.covariance),
         "matches_lidar": np.ravel(matches.points_lidar).astype(np.float32),
         "matches_image": np.ravel(matches.points_image).astype(np.float32),
@@ -357,7 +362,8 @@ def _to_row(trial: TrialResult) -> dict[str, Any]:
 
 
 def _from_row(row: dict[str, Any]) -> TrialResult:
-    estimated = row["T_camera_lidar_estimated"]
+    for name in ("T_camera_lidar_initial", "T_camera_lidar_estimated"):
+        row[name] = None if row[name] is None else se3.from_xyz_xyzw(row[name])
     matches = LineMatches(
         np.array(row.pop("matches_lidar"), float).reshape(-1, 2, 3),
         np.array(row.pop("matches_image"), float).reshape(-1, 2, 2),
@@ -367,8 +373,6 @@ def _from_row(row: dict[str, Any]) -> TrialResult:
         **row
         | {
             "pair_ids": tuple(row["pair_ids"]),
-            "T_camera_lidar_initial": se3.from_xyz_xyzw(row["T_camera_lidar_initial"]),
-            "T_camera_lidar_estimated": None if estimated is None else se3.from_xyz_xyzw(estimated),
             "covariance": np.array(row["covariance"], float).reshape(6, 6),
             "matches": matches,
         }

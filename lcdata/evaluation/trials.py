@@ -18,7 +18,7 @@ from lcdata.evaluation.given import having_guess, started_at, starts_there
 from lcdata.evaluation.inputs import file_contents
 from lcdata.evaluation.labels import by_label
 from lcdata.evaluation.pool import Executor
-from lcdata.evaluation.protocol import GivenGuesses, Protocol
+from lcdata.evaluation.protocol import GivenGuesses, NoGuesses, Protocol
 from lcdata.evaluation.results import (
     Guess,
     Results,
@@ -51,6 +51,7 @@ def run_trials(
     init_translation_m: float = 0.5,
     initial: Mapping[str, ArrayLike] | None = None,
     source: str = "given",
+    from_nothing: bool = False,
     trials: int = 1,
     seed: int = 0,
     group: str = "pair",
@@ -78,6 +79,7 @@ def run_trials(
         initial: 4x4 `T_camera_lidar` by pair_id to start from in place of the ground truth with
             an error; pairs without one are left out.
         source: Where they come from, which names the run: picks, matches, auto.
+        from_nothing: Give no initial guesses at all: methods that need one fail and say so.
         trials: Initial guesses for each pair.
         seed: Seed of the random signs.
         group: "pair", or "pose": all pairs of an arm pose are solved jointly.
@@ -95,7 +97,11 @@ def run_trials(
         CalibrationError: An unknown method, pair or option, or a run of another protocol.
     """
     protocol = Protocol(init_rotation_deg, init_translation_m, trials, seed, group)
-    if initial is not None:
+    if from_nothing:
+        if initial is not None:
+            raise CalibrationError("initial guesses, and none", "give them, or from_nothing")
+        protocol = NoGuesses(group=group)
+    elif initial is not None:
         protocol = GivenGuesses(group=group, source=source)
         pair_ids = having_guess(pair_ids or [p.pair_id for p in dataset.pairs], initial)
     calibrators = by_label(methods)

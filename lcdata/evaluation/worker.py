@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import lcdata
 from lcdata.calibrators.base import Calibration, Calibrator
 from lcdata.errors import CalibrationError, DatasetError, LcdataError, MissingLibraryError
-from lcdata.evaluation.protocol import Protocol
+from lcdata.evaluation.protocol import NoGuesses, Protocol
 from lcdata.evaluation.results import Guess, TrialResult
 from lcdata.geometry.se3 import check_transform
 
@@ -31,6 +31,10 @@ DOUBT = "initial guess not to be trusted: "
 
 Work = tuple[tuple[str, int], ...]
 """Label of a method and number of a trial, one estimate each."""
+
+
+NEEDS_GUESS = "needs an initial guess: start it from truth, auto, picks or matches"
+"""What a method says that is run without one and cannot be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,8 @@ class Task:
         """Where a trial starts."""
         if trial in self.guesses:
             return self.guesses[trial]
+        if isinstance(self.protocol, NoGuesses):
+            return Guess(None, self.pose.pose_version)
         truth = self.pose.T_camera_lidar
         T = self.protocol.initial_guess(truth, self.pair_ids, trial)
         return Guess(T, self.pose.pose_version)
@@ -176,17 +182,15 @@ def run_task(task: Task, kept: Kept | None = None) -> Iterator[Begin | TrialResu
             return
         kept.pair_ids = pair_ids
     pairs, shared = kept.pairs, kept.features
-    for trial, options in task.automatic.items():
-        work = tuple(piece for piece in task.work if piece[1] == trial)
-        if trial in task.found:
-            kept.guesses[trial] = task.found[trial]
-        elif work and trial not in kept.guesses:
-            yield Begin("looking for an initial guess", work)
-            kept.guesses[trial] = _guessed(pairs, options)
+    yield from _look_for_guesses(task, kept)
     task = _started(task, kept.guesses)
     for label in dict.fromkeys(label for label, _ in task.work):
         method = task.methods[label]
         work = tuple(piece for piece in task.work if piece[0] == label)
+        if method.needs_initial and isinstance(task.protocol, NoGuesses):
+            for _, trial in work:
+                yield failure(task, label, trial, NEEDS_GUESS)
+            continue
         key = front_end(method)
         if key not in shared:
             yield Begin("preparing features", work)
@@ -199,6 +203,17 @@ def run_task(task: Task, kept: Kept | None = None) -> Iterator[Begin | TrialResu
             yield _doubted(
                 _run_trial(task, label, trial, pairs, shared[key]), kept.guesses.get(trial)
             )
+
+
+def _look_for_guesses(task: Task, kept: Kept) -> Iterator[Begin]:
+    """Look for the initial guesses that a task's trials start from and nobody has found yet."""
+    for trial, options in task.automatic.items():
+        work = tuple(piece for piece in task.work if piece[1] == trial)
+        if trial in task.found:
+            kept.guesses[trial] = task.found[trial]
+        elif work and trial not in kept.guesses:
+            yield Begin("looking for an initial guess", work)
+            kept.guesses[trial] = _guessed(kept.pairs, options)
 
 
 def _guessed(pairs: Sequence[Pair], options: Mapping[str, object]) -> FoundGuess:
@@ -314,9 +329,9 @@ def _run_trial(
     blank = failure(task, label, trial, "")
     start = time.perf_counter()
     try:
-        calibration = task.methods[label].calibrate(
-            pairs, blank.T_camera_lidar_initial.copy(), features.prepared
-        )
+        initial = blank.T_camera_lidar_initial
+        initial = None if initial is None else initial.copy()
+        calibration = task.methods[label].calibrate(pairs, initial, features.prepared)
         seconds = features.seconds + time.perf_counter() - start
         if not isinstance(calibration, Calibration):
             raise CalibrationError(f"{label} returned {type(calibration).__name__}")

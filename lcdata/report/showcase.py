@@ -104,6 +104,8 @@ def _exhibit(exhibit: Exhibit, opener: Opener) -> str:
         names = list(PICTURES)
     elif ESTIMATE not in names:
         names = [ESTIMATE, TRUTH]
+    if t.T_camera_lidar_initial is None:
+        names = [name for name in names if name != INITIAL]
     captions = {
         INITIAL: f"{number(t.initial_rotation_error_deg, 2)}° and "
         f"{number(t.initial_translation_error_m, 3)} m off",
@@ -130,10 +132,13 @@ def _about(exhibit: Exhibit, opener: Opener) -> str:
             f'<span class="muted">ground truth ± {t.groundtruth_rotation_sigma_deg:.2f}° and '
             f"{t.groundtruth_translation_sigma_m:.3f} m</span>"
         )
-    lines.append(
-        f'<span class="muted">from {number(t.initial_rotation_error_deg, 2)}° and '
-        f"{number(t.initial_translation_error_m, 3)} m</span>"
+    start = (
+        f"{number(t.initial_rotation_error_deg, 2)}° and "
+        f"{number(t.initial_translation_error_m, 3)} m"
     )
+    if t.T_camera_lidar_initial is None:
+        start = "nothing"
+    lines.append(f'<span class="muted">from {start}</span>')
     if says := _says(t):
         lines.append(f'<span class="muted">{escape(says)}</span>')
     differs = opener.differs(t)

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lcdata.evaluation.metrics import Quartiles, Summary
 from lcdata.evaluation.results import Results
@@ -205,11 +206,8 @@ def trials_csv(results: Results) -> str:
     out = io.StringIO()
     writer: csv.DictWriter[str] | None = None
     trials = results.trials
-    initials = se3.to_xyz_xyzw([t.T_camera_lidar_initial for t in trials])
-    estimates = np.full((len(trials), 7), np.nan)
-    made = [t.T_camera_lidar_estimated is not None for t in trials]
-    found = [t.T_camera_lidar_estimated for t in trials if t.T_camera_lidar_estimated is not None]
-    estimates[made] = se3.to_xyz_xyzw(found)
+    initials = _xyz_xyzw([t.T_camera_lidar_initial for t in trials])
+    estimates = _xyz_xyzw([t.T_camera_lidar_estimated for t in trials])
     for trial, initial, estimate in zip(trials, initials.tolist(), estimates.tolist(), strict=True):
         row = {
             f.name: getattr(trial, f.name)
@@ -248,3 +246,12 @@ def tex(text: str) -> str:
     ):
         text = text.replace(plain, escaped)
     return text
+
+
+def _xyz_xyzw(poses: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64]:
+    """Position and quaternion of each pose (N, 7), NaN where there is none."""
+    rows = np.full((len(poses), 7), np.nan)
+    there = [T is not None for T in poses]
+    if any(there):
+        rows[there] = se3.to_xyz_xyzw([T for T in poses if T is not None])
+    return rows

@@ -101,6 +101,8 @@ def run_title(trials: Sequence[TrialResult]) -> str:
     """What sets one run apart from others."""
     first = trials[0]
     joint = ", all pairs of a pose jointly" if first.group == "pose" else ""
+    if first.T_camera_lidar_initial is None:
+        return f"From nothing ({first.run}){joint}"
     if math.isnan(first.init_rotation_deg):
         return f"From initial guesses that were given ({first.run}){joint}"
     return f"From {first.init_rotation_deg:g}° and {first.init_translation_m:g} m an axis{joint}"
@@ -119,7 +121,7 @@ def protocol(trials: Sequence[TrialResult], version: str) -> str:
     methods = sorted({f"{t.method} {t.method_version}" for t in trials})
     return (
         f"Run {first.run}: {count(max(per_unit.values()), 'trial')} a {unit} and method. Each "
-        f"starts from {_start(trials)}; every method gets the same initial guesses. "
+        f"{_start(trials)}. "
         f"{_rebased(trials)}Seed {first.seed}, ground truth {version}, lcdata "
         f"{listing(sorted({t.lcdata_version for t in trials}))}, method versions "
         f"{listing(methods)}."
@@ -129,19 +131,23 @@ def protocol(trials: Sequence[TrialResult], version: str) -> str:
 def _start(trials: Sequence[TrialResult]) -> str:
     """Where the trials of a run start, as an error of the ground truth."""
     first = trials[0]
+    if first.T_camera_lidar_initial is None:
+        return "starts without an initial guess"
+    same = "every method gets the same initial guesses"
     if math.isnan(first.init_rotation_deg):
         turned = [t.initial_rotation_error_deg for t in trials]
         moved = [t.initial_translation_error_m for t in trials]
         return (
-            f"an initial guess that was given, {min(turned):.2f}° to {max(turned):.2f}° and "
-            f"{min(moved):.3f} m to {max(moved):.3f} m off the ground truth"
+            "starts from an initial guess that was given, "
+            f"{min(turned):.2f}° to {max(turned):.2f}° and "
+            f"{min(moved):.3f} m to {max(moved):.3f} m off the ground truth; {same}"
         )
     rotation = math.sqrt(3) * first.init_rotation_deg
     translation = math.sqrt(3) * first.init_translation_m
     return (
-        f"the ground truth turned by {first.init_rotation_deg:g}° about each axis and moved by "
-        f"{first.init_translation_m:g} m along each axis, with random signs ({rotation:.2f}° and "
-        f"{translation:.3f} m in all)"
+        f"starts from the ground truth turned by {first.init_rotation_deg:g}° about each axis and "
+        f"moved by {first.init_translation_m:g} m along each axis, with random signs "
+        f"({rotation:.2f}° and {translation:.3f} m in all); {same}"
     )
 
 

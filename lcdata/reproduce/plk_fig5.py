@@ -12,7 +12,8 @@ from lcdata.evaluation import metrics
 from lcdata.evaluation.comparison import compare
 from lcdata.evaluation.results import Results, TrialResult
 from lcdata.evaluation.text import verdicts
-from lcdata.report.plots import LIGHT, box_plots
+from lcdata.report.plots import box_plots
+from lcdata.report.theme import LIGHT
 from lcdata.reproduce.experiment import Experiment, Outcome, Progress, Settings, Table
 from lcdata.reproduce.plk_options import methods, number, pair_names, pair_options
 from lcdata.reproduce.plk_run import BOX_HEADER, BOX_NOTE, box_cells, pose_table, run_work, where

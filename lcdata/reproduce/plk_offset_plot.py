@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lcdata.report.plots import LIGHT, PANELS, Quantity, label_ticks, plain_axes
+from lcdata.report.theme import LIGHT, PANELS, Quantity, label_ticks, plain_axes
 from lcdata.reproduce.plk_tests import TESTS
 from lcdata.reproduce.plk_trials import Row
 

@@ -87,10 +87,10 @@ def pair_text(number: int, record: PairRecord, shown: Shown) -> str:
         lines.append("No trial on this pair." if trials.methods else "")
         return "\n\n".join(filter(None, lines)) + "\n"
     first = next(iter(found.values()))
-    lines.append(
-        f"From {error_text(first.initial_rotation_error_deg, first.initial_translation_error_m)} "
-        f"(trial {first.trial}):"
-    )
+    start = error_text(first.initial_rotation_error_deg, first.initial_translation_error_m)
+    if first.T_camera_lidar_initial is None:
+        start = "nothing"
+    lines.append(f"From {start} (trial {first.trial}):")
     table = [
         "| method | outcome | rotation (deg) | translation (m) | sigmas | lines | seconds |",
         "|---|---|---|---|---|---|---|",
@@ -156,6 +156,8 @@ def _protocol(shown: Shown) -> str:
     start = f"from {first.init_rotation_deg:g} deg and {first.init_translation_m:g} m on each axis"
     if math.isnan(first.init_rotation_deg):
         start = "from initial guesses that were given"
+    if first.T_camera_lidar_initial is None:
+        start = "from nothing"
     count = count_text(len(trials.all), "trial")
     if shown.comparison is not None and any(t.run != first.run for t in trials.all):
         count += " of both runs"

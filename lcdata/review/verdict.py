@@ -103,6 +103,8 @@ def verdict(
         if not shown:
             return "no results", colours.GREY
         first = next(iter(shown.values()))
+        if first.T_camera_lidar_initial is None:
+            return "no initial guess", colours.GREY
         errors = first.initial_rotation_error_deg, first.initial_translation_error_m
         return error_text(*errors), colours.GREY
     if source not in shown:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import csv
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 import toy_dataset
 from toy_methods import Biased, Blobs
+from typer.testing import CliRunner
 
+from lcdata.calibrators.base import Calibration
+from lcdata.cli.app import app
 from lcdata.dataset import Dataset
 from lcdata.dataset.picks import picks_path, write_picks
 from lcdata.errors import CalibrationError
@@ -18,7 +25,9 @@ from lcdata.evaluation.automatic import source_of
 from lcdata.evaluation.given import given_guesses
 from lcdata.features.point_pose import point_pose
 from lcdata.geometry import se3
+from lcdata.pair import Pair
 from lcdata.report import write_report
+from lcdata.review import save_review
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +138,64 @@ def test_automatic_guesses_of_other_options_are_another_run() -> None:
         source_of({"rotate_camera": 45})
     with pytest.raises(CalibrationError, match="unknown matcher 'glue'"):
         source_of({"matcher": "glue"})
+
+
+@dataclass(frozen=True)
+class Guessless(Blobs):
+    """`Blobs` that can do without a guess."""
+
+    name: ClassVar[str] = "guessless"
+    needs_initial: ClassVar[bool] = False
+
+    def calibrate(
+        self, pairs: Sequence[Pair], initial: Any, prepared: Sequence[Any] | None = None
+    ) -> Calibration:
+        features = prepared or [self.prepare(pair) for pair in pairs]
+        pixels, points = (np.concatenate(each) for each in zip(*features, strict=True))
+        pose = point_pose(points, pixels, pairs[0].camera)
+        assert initial is None
+        return Calibration(pose.T_camera_lidar, True, False, np.full((6, 6), np.nan), 0.1)
+
+
+def test_methods_start_from_nothing_or_say_that_they_cannot(tmp_path: Path) -> None:
+    dataset = toy_dataset.make(tmp_path / "set")
+    Blobs.prepared.clear()
+    results = run_trials(dataset, [Blobs()], from_nothing=True, trials=3, jobs=0)
+    assert not Blobs.prepared
+    results = run_trials(dataset, [Blobs(), Guessless()], from_nothing=True, jobs=0)
+    assert {t.run for t in results.trials} == {"init-none"}
+    assert all("needs an initial guess" in t.message for t in results.trials if t.method == "blobs")
+    found = [t for t in read_results(dataset).trials if t.method == "guessless"]
+    assert len(found) == len(dataset.pairs) == len(results.failures)
+    for t in found:
+        assert t.T_camera_lidar_initial is None and np.isnan(t.initial_rotation_error_deg)
+        assert not t.failed and t.rotation_error_deg < 0.5 and t.translation_error_m < 0.05
+
+    # Stored ones stay; those from a guess are another run.
+    again = run_trials(dataset, [Guessless()], from_nothing=True, jobs=0)
+    assert [t.seconds for t in again.trials] == [t.seconds for t in found]
+    with pytest.raises(CalibrationError, match="another run"):
+        given = {dataset.pairs[0].pair_id: np.eye(4)}
+        run_trials(dataset, [Blobs()], initial=given, run="init-none", jobs=0)
+    with pytest.raises(CalibrationError, match="initial guesses, and none"):
+        run_trials(dataset, [Blobs()], initial={"a": np.eye(4)}, from_nothing=True)
+
+    page = write_report(dataset).read_text()
+    assert "From nothing (init-none)" in page and "Each starts without an initial guess" in page
+    assert "nan" not in page.split("<body>")[1][:4000]
+    with (dataset.path / "report" / "results.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["method"] == "guessless"]
+    assert rows[0]["initial_x_m"] == "nan" and float(rows[0]["estimated_x_m"]) == pytest.approx(
+        found[0].T_camera_lidar_estimated[0, 3], abs=1e-6
+    )
+    save_review(dataset, tmp_path / "review.rrd")
+
+
+def test_the_command_runs_methods_from_nothing(dataset: Dataset) -> None:
+    arguments = ["--init", "none", "--methods", "plk,crlf", "--jobs", "1", "--json"]
+    done = CliRunner().invoke(app, ["calibrate", str(dataset.path), *arguments])
+    assert done.exit_code == 3
+    failures = json.loads(done.stdout)["failures"]
+    assert len(failures) == 2 * len(dataset.pairs)
+    assert "needs an initial guess" in next(f for f in failures if f.startswith("plk"))
+    assert "needs an initial guess" not in next(f for f in failures if f.startswith("crlf"))

@@ -151,7 +151,7 @@ def test_other_urls(write: Write, dataset: Dataset, tmp_path: Path) -> None:
         opened.load("hall/pose_000/000").image, dataset.load("hall/pose_000/000").image
     )
     memory.rm("/kept/set/hall/pose_000/000.pcd")
-    with pytest.raises(DatasetError, match="memory://kept/set/hall/pose_000/000.pcd: not there"):
+    with pytest.raises(DatasetError, match=r"memory://kept/set/hall/pose_000/000.pcd: not there"):
         opened.load("hall/pose_000/000")
     for url in ("nonsense://a/b", "memory://nothing"):
         with pytest.raises(DatasetError, match=url):
