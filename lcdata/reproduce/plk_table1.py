@@ -14,6 +14,7 @@ from lcdata.geometry import pluecker, se3
 from lcdata.reproduce.experiment import Experiment, Outcome, Progress, Settings, Table
 from lcdata.reproduce.line_cases import CASES, lines
 from lcdata.reproduce.line_monte_carlo import Problems, decoupled, projection
+from lcdata.reproduce.plk_options import number, whole
 
 Array = NDArray[np.float64]
 
@@ -53,16 +54,15 @@ def run(settings: Settings, progress: Progress | None = None) -> Outcome:
         CalibrationError: Fewer than three lines, noise below zero, no runs.
     """
     runs = RUNS if settings.runs is None else settings.runs
-    noise = _number(settings, "noise-px", 1.0)
-    count = int(_number(settings, "lines", 3))
+    noise = number(settings, "noise-px", 1.0)
+    count = whole(settings, "lines", 3)
     rotation, translation = (
-        _number(settings, "init-rotation", 1),
-        _number(settings, "init-translation", 0.1),
+        number(settings, "init-rotation", 1),
+        number(settings, "init-translation", 0.1),
     )
-    if runs < 1 or count < 3 or noise < 0:
+    if runs < 1 or count < 3:
         raise CalibrationError(
-            f"{runs} runs of {count} lines with {noise:g} px of noise",
-            "give one run or more, three lines or more and noise of 0 or more",
+            f"{runs} runs of {count} lines", "give one run or more and three lines or more"
         )
     rows, values = [], {}
     for done, (case, title) in enumerate(CASES.items()):
@@ -159,14 +159,6 @@ def _numbers(degrees: Array, metres: Array, flagged: NDArray[np.bool_]) -> dict[
             "median": float(np.median(errors)),
         }
     return content
-
-
-def _number(settings: Settings, name: str, default: float) -> float:
-    text = settings.options.get(name, str(default))
-    try:
-        return float(text)
-    except ValueError as error:
-        raise CalibrationError(f"{name} is {text!r}", "give a number") from error
 
 
 EXPERIMENT = Experiment(

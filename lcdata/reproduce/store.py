@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
+from typing import Any
 
 import lcdata
 from lcdata.dataset.atomic import json_text, write_bytes
@@ -25,7 +27,7 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
         "source": outcome.source,
         "protocol": outcome.protocol,
         "lcdata_version": lcdata.__version__,
-        "values": outcome.values,
+        "values": _finite(outcome.values),
         "tables": [
             {"title": t.title, "header": t.header, "rows": t.rows, "note": t.note}
             for t in outcome.tables
@@ -53,6 +55,17 @@ def markdown(outcome: Outcome) -> str:
         parts += [table.note] if table.note else []
     parts += [f"![{name}]({name})" for name in outcome.pictures]
     return "\n\n".join(parts) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """Plain values without NaN and infinity, which JSON lacks."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def _csv(table: Table) -> str:

@@ -150,7 +150,9 @@ def test_figure_5_goes_on_and_writes_what_it_prints(small, tmp_path):
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     assert "worse than plk" in done.output and "1 arm pose in gym" in done.output
-    stored = json.loads((tmp_path / "plk-fig5.json").read_text())
+    text = (tmp_path / "plk-fig5.json").read_text()
+    assert "NaN" not in text and "Infinity" not in text
+    stored = json.loads(text)
     assert [s["trials"] for s in stored["values"]["summary"]] == [1, 1]
     assert (tmp_path / "plk-fig5.png").read_bytes().startswith(b"\x89PNG")
     before = (tmp_path / "plk-fig5.jsonl").read_text()

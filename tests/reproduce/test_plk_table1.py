@@ -110,6 +110,8 @@ def test_bad_options_are_named(tmp_path):
         checked_options(experiment, ["line=3"])
     with pytest.raises(LcdataError, match="NAME=VALUE"):
         checked_options(experiment, ["lines"])
-    for options in ({"lines": "2"}, {"lines": "many"}, {"noise-px": "-1"}):
+    bad = [("lines", "2"), ("lines", "many"), ("lines", "3.5"), ("lines", "nan")]
+    bad += [("noise-px", "-1"), ("noise-px", "nan"), ("init-rotation", "inf")]
+    for name, value in bad:
         with pytest.raises(LcdataError):
-            experiment.run(Settings(runs=1, options=options), None)
+            experiment.run(Settings(runs=1, options={name: value}), None)
