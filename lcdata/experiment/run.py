@@ -13,8 +13,9 @@ from lcdata.errors import DatasetError
 from lcdata.evaluation.execution import local_executor, outcomes
 from lcdata.evaluation.pool import Executor
 from lcdata.evaluation.results import Results, TrialResult
+from lcdata.evaluation.task import Task
 from lcdata.evaluation.trials import Progress
-from lcdata.evaluation.worker import Task, guess_of
+from lcdata.evaluation.worker import guess_of
 from lcdata.experiment.checksums import Checksums
 from lcdata.experiment.plan import Plan, counted
 from lcdata.experiment.spec import Experiment

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from lcdata.dataset.atomic import write_bytes, write_json, write_parquet
 from lcdata.errors import ExperimentError, GeometryError, ReportError
 from lcdata.evaluation.results import TrialResult, from_table, readable, to_table
-from lcdata.evaluation.worker import FoundGuess
+from lcdata.evaluation.task import FoundGuess
 from lcdata.geometry.se3 import check_transform
 
 if TYPE_CHECKING:

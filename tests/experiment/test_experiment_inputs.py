@@ -198,7 +198,7 @@ def test_stored_guesses_are_started_from(write: Write, dataset: Dataset) -> None
         methods=["blobs", {"biased": {"bias_m": 0.1}}],
         starts=[{"init": "auto"}],
     )
-    from lcdata.evaluation.worker import DOUBT, FoundGuess
+    from lcdata.evaluation.task import DOUBT, FoundGuess
     from lcdata.experiment import Plan
     from lcdata.experiment.checksums import Checksums
 
