@@ -1,7 +1,7 @@
 """How trials scale on Dask, what a lost worker costs, and what a second run takes.
 
     python benchmarks/scale_out.py          # simulates a small data set, about 5 minutes
-    python benchmarks/scale_out.py --dataset DATASET --pairs 8 --repeats 3
+    python benchmarks/scale_out.py --dataset DATASET --scenario gym --trials 2 --repeats 3
 
 One worker and two on loopback, each with one thread, run the same experiment file from an empty
 store, in turns, after a first run that compiles what they need. Others may use the machine
@@ -54,10 +54,12 @@ def simulated(folder: Path, pairs: int) -> Path:
     return folder / "set"
 
 
-def written(folder: Path, dataset: Path, trials: int, store: str, **more: object) -> Path:
+def written(
+    folder: Path, dataset: dict[str, object], trials: int, store: str, **more: object
+) -> Path:
     """The experiment file."""
     path = folder / f"{store}.yaml"
-    content = {"datasets": [str(dataset)], "trials": trials, "store": store, **EXPERIMENT, **more}
+    content = {"datasets": [dataset], "trials": trials, "store": store, **EXPERIMENT, **more}
     path.write_text(yaml.safe_dump(content))
     return path
 
@@ -113,13 +115,16 @@ def main() -> None:
     sys.path[:] = [p for p in sys.path if Path(p).resolve() != Path(__file__).resolve().parent]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--dataset", type=Path)
+    parser.add_argument("--scenario", nargs="*", default=[])
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--trials", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        dataset = (options.dataset or simulated(folder, options.pairs)).resolve()
+        dataset = {"path": str((options.dataset or simulated(folder, options.pairs)).resolve())}
+        if options.scenario:
+            dataset["scenarios"] = options.scenario
         throughput(folder, dataset, options)
         killed(folder, dataset, options)
 
