@@ -23,7 +23,7 @@ from lcdata.errors import CalibrationError, LcdataError
 from lcdata.evaluation.pool import Crash
 from lcdata.evaluation.results import TrialResult
 from lcdata.evaluation.slices import Slice, perform, probe_for
-from lcdata.evaluation.worker import Begin, Task
+from lcdata.evaluation.task import Begin, Task
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -13,7 +13,8 @@ from lcdata.calibrators.base import Calibrator
 from lcdata.errors import CalibrationError, ExperimentError
 from lcdata.evaluation.pool import Crash, Executor, default_jobs, run_here, run_in_processes
 from lcdata.evaluation.results import TrialResult
-from lcdata.evaluation.worker import Begin, Refusal, Task, failure, run_task
+from lcdata.evaluation.task import Begin, Refusal, Task
+from lcdata.evaluation.worker import failure, run_task
 
 Key = tuple[str, tuple[str, ...], int]
 """Label of the method, pairs, number of the trial."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lcdata.errors import CalibrationError
 from lcdata.evaluation.results import Guess, TrialResult
-from lcdata.evaluation.worker import Task
+from lcdata.evaluation.task import Task
 from lcdata.geometry.se3 import check_transform
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from typing import Any, cast
 
 import lcdata
 from lcdata.errors import CalibrationError
-from lcdata.evaluation.worker import Begin, Kept, Task
+from lcdata.evaluation.task import Begin, Task
+from lcdata.evaluation.worker import Kept
 
 MOST_KEPT = 2
 """Experiments whose pair a worker keeps at a time: more may share a cluster, at some cost."""

@@ -27,7 +27,8 @@ from lcdata.evaluation.results import (
     results_path,
     write_run,
 )
-from lcdata.evaluation.worker import Task, parameters
+from lcdata.evaluation.task import Task
+from lcdata.evaluation.worker import parameters
 
 if TYPE_CHECKING:
     from lcdata.dataset import Dataset

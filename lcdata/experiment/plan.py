@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,27 +11,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import lcdata
 from lcdata.calibrators.base import Calibrator
-from lcdata.calibrators.initial_guess import GuessOptions
 from lcdata.dataset import Dataset
 from lcdata.errors import ExperimentError
 from lcdata.evaluation.given import given_guesses
 from lcdata.evaluation.inputs import file_contents
 from lcdata.evaluation.protocol import GivenGuesses, Protocol
 from lcdata.evaluation.results import SCHEMA_VERSION, Guess, Results, TrialResult
+from lcdata.evaluation.task import FoundGuess, Task
 from lcdata.evaluation.trials import grouped
-from lcdata.evaluation.worker import FoundGuess, Task, parameters
 from lcdata.experiment.checksums import Checksums
+from lcdata.experiment.keys import guess_key, trial_key
 from lcdata.experiment.spec import Experiment
 
 if TYPE_CHECKING:
     from lcdata.dataset.schema import PairRecord, PoseRecord
 
 Array = NDArray[np.float64]
-
-DIGITS = 10
-"""Of an initial guess, in its key: two machines may differ in the last ones."""
 
 
 class Start(NamedTuple):
@@ -278,13 +272,15 @@ def _unit(
         "groundtruth": pose.pose_version,
     }
     automatic = {n: start.options for n, start in enumerate(starts) if start.T_camera_lidar is None}
-    guess_keys = {n: _guess_key(content, options) for n, options in automatic.items()}
+    guess_keys = {n: guess_key(content, options) for n, options in automatic.items()}
     found = {n: guess for n, key in guess_keys.items() if (guess := known(key)) is not None}
     keys: dict[tuple[str, int], str] = {}
     trials = []
     for label, method in experiment.methods.items():
         for number, start in enumerate(starts):
-            key = keys[label, number] = _key(content, method, contents[label], start)
+            key = keys[label, number] = trial_key(
+                content, method, contents[label], start.T_camera_lidar, start.options
+            )
             trials.append(PlannedTrial(key, name, label, method, pair_ids, pose, start))
     task = Task(
         dataset=dataset.address,
@@ -305,36 +301,6 @@ def _unit(
         contents=contents,
     )
     return Unit(task, keys, guess_keys), trials
-
-
-def _key(
-    content: Mapping[str, object],
-    method: Calibrator,
-    files: Mapping[str, str],
-    start: Start,
-) -> str:
-    """sha256 of all that decides what a trial gives; of files their content, not their place."""
-    values = json.loads(parameters(method, files))
-    described = {name: value for name, value in values.items() if name not in files}
-    everything = {
-        **content,
-        "method": [method.name, method.version, json.dumps(described, sort_keys=True)],
-        "initial": _guess_key(content, start.options)
-        if start.T_camera_lidar is None
-        else [round(float(value), DIGITS) + 0.0 for value in np.ravel(start.T_camera_lidar)],
-    }
-    return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
-
-
-def _guess_key(content: Mapping[str, object], options: Mapping[str, object]) -> str:
-    """sha256 of all that decides what is found from pairs; their ground truth does not."""
-    everything = {
-        "pairs": content["pairs"],
-        "camera": content["camera"],
-        "guess": dataclasses.asdict(GuessOptions(**options)),  # type: ignore[arg-type]
-        "lcdata": lcdata.__version__,
-    }
-    return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
 
 
 def counted(trials: Iterable[PlannedTrial], done: Mapping[str, bool]) -> tuple[int, int, int]:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import random
 import time
 from collections import deque
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from lcdata.errors import DatasetError
 from lcdata.evaluation.execution import local_executor, outcomes
 from lcdata.evaluation.pool import Executor
 from lcdata.evaluation.results import Results, TrialResult
+from lcdata.evaluation.task import Task
 from lcdata.evaluation.trials import Progress
-from lcdata.evaluation.worker import Task, guess_of
+from lcdata.evaluation.worker import guess_of
 from lcdata.experiment.checksums import Checksums
 from lcdata.experiment.plan import Plan, counted
 from lcdata.experiment.spec import Experiment
@@ -97,6 +99,7 @@ def _compute(
     fresh: dict[str, TrialResult] = {}
     written: list[Path] = []
     saved = time.monotonic()
+    reserve = store.reserve()
     try:
         with closing(outcomes(executor, queue)) as results:
             for result in results:
@@ -112,10 +115,12 @@ def _compute(
                     _leave_out(queue, plan, missing)
                 if progress:
                     progress("experiment", total - len(missing), total)
-    finally:  # Ctrl-C too: what was computed is kept
+    finally:  # Ctrl-C and a full disk too: what was computed is kept
+        reserve.unlink(missing_ok=True)
         if fresh:
             written.append(store.write(fresh))
-    store.merge(written)
+    with suppress(DatasetError):  # on a full disk they stay as they are
+        store.merge(written)
 
 
 def _leave_out(queue: deque[Task], plan: Plan, missing: set[str]) -> None:

@@ -3,6 +3,7 @@
     STORE/store.json                      version of the store
     STORE/trials/<time>-<process>.parquet trials as in DATASET/results, with a column `key`
     STORE/guesses/<key>.json              initial guesses that were found from pairs alone
+    STORE/reserve-<run>                   some room for the last trials, while a run goes on
     STORE/checksums.json                  of data-set files, so that they are read once
 
 Files are written once, whole or not at all, and are never changed: any number of processes may
@@ -16,14 +17,15 @@ import os
 import time
 import uuid
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lcdata.dataset.atomic import write_json, write_parquet
+from lcdata.dataset.atomic import write_bytes, write_json, write_parquet
 from lcdata.errors import ExperimentError, GeometryError, ReportError
 from lcdata.evaluation.results import TrialResult, from_table, readable, to_table
-from lcdata.evaluation.worker import FoundGuess
+from lcdata.evaluation.task import FoundGuess
 from lcdata.geometry.se3 import check_transform
 
 if TYPE_CHECKING:
@@ -31,6 +33,11 @@ if TYPE_CHECKING:
 
 VERSION = 1
 """Raised whenever a reader of the version before would misread a store."""
+
+RESERVE = "reserve"
+STALE_S = 7 * 24 * 3600.0
+RESERVE_BYTES = 1 << 19
+"""Trials between two savings fill less: one with hundreds of matched lines takes 20 kB."""
 
 INFO, TRIALS, GUESSES = "store.json", "trials", "guesses"
 
@@ -127,6 +134,23 @@ class Store:
         if found.T_camera_lidar is not None and not path.exists():
             content = {"T_camera_lidar": found.T_camera_lidar.tolist(), "doubt": found.doubt}
             write_json(path, content)
+
+    def reserve(self) -> Path:
+        """Take some of the disk, so that what was computed when it fills can still be written.
+
+        Returns:
+            The file to delete for that, and in the end.
+
+        Raises:
+            DatasetError: The disk is full or cannot be written.
+        """
+        for old in self.folder.glob(f"{RESERVE}-*"):  # of processes that were killed
+            with suppress(OSError):
+                if time.time() - old.stat().st_mtime > STALE_S:
+                    old.unlink()
+        path = self.folder / f"{RESERVE}-{uuid.uuid4().hex[:8]}"
+        write_bytes(path, os.urandom(RESERVE_BYTES))
+        return path
 
     def merge(self, paths: Sequence[Path]) -> None:
         """Put one's own files together: one is faster to read than many."""

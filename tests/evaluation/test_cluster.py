@@ -25,8 +25,9 @@ from lcdata.evaluation.cluster import cluster_executor
 from lcdata.evaluation.protocol import Protocol
 from lcdata.evaluation.results import TrialResult
 from lcdata.evaluation.slices import Slice, perform, probe_for
+from lcdata.evaluation.task import Begin, Task
 from lcdata.evaluation.trials import _plan
-from lcdata.evaluation.worker import Begin, Task, run_task
+from lcdata.evaluation.worker import run_task
 
 distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
 
