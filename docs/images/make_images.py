@@ -10,7 +10,7 @@ and that of one pair from a simulated one, of a LiDAR whose scans are merged:
     python docs/images/make_images.py dataset dense
 
 The pictures of reviews need a graphics driver (on a machine without one: mesa-vulkan-drivers),
-that of the page for picking matches needs Chromium.
+those of pages need Chromium.
 """
 
 from __future__ import annotations
@@ -118,9 +118,32 @@ def pick(dataset: Dataset) -> None:
     cv2.imwrite(str(HERE / "pick.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
+def report(dataset: Dataset) -> None:
+    """The report's page: its beginning, and worst trials beside it."""
+    tall = 1350
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
+        Browser(Path(profile), 1200, tall) as browser,
+    ):
+        browser.theme("light")
+        browser.call("Page.navigate", url=(dataset.path / "report/index.html").resolve().as_uri())
+        browser.until("document.querySelector('.beside') && document.readyState === 'complete'")
+        browser.value("document.querySelectorAll('img').forEach((i) => { i.loading = 'eager'; })")
+        browser.until("[...document.images].every((image) => image.complete)")
+        parts = []
+        for place in ("document.querySelector('.kind')", "document.querySelector('.beside')"):
+            browser.value(f"scrollTo(0, {place}.getBoundingClientRect().y + scrollY - 2)")
+            browser.picture(Path(profile) / "page.png")
+            parts.append(cv2.imread(str(Path(profile) / "page.png")))
+    gap = np.full((tall, 40, 3), 255, np.uint8)
+    picture = cv2.resize(np.hstack([parts[0], gap, parts[1]]), (1720, 952), None, 0, 0, 3)
+    cv2.imwrite(str(HERE / "report.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
+
+
 if __name__ == "__main__":
     opened = Dataset.open(Path(sys.argv[1]))
     pick(opened)
+    report(opened)
     overlay(opened)
     review(opened)
     if len(sys.argv) > 2:
