@@ -31,6 +31,7 @@ from lcdata.evaluation import read_results
 from lcdata.geometry import se3
 from lcdata.pick import PickServer, Session
 from lcdata.report import draw_overlay
+from lcdata.review import Selection, Wanted, save_review
 from lcdata.review.one_pair import save_pair_review
 from lcdata.review.viewer import viewer_command
 
@@ -70,6 +71,15 @@ def review(dataset: Dataset) -> None:
     """The review in Rerun's viewer at the same pair."""
     number = [p.pair_id for p in dataset.pairs].index(PAIR)
     viewer_picture(dataset.path / "review.rrd", "pair", number, HERE / "review.jpg")
+
+
+def compared(dataset: Dataset) -> None:
+    """Two methods of a run on one timeline, at the same pair."""
+    number = [p.pair_id for p in dataset.pairs].index(PAIR)
+    wanted = Wanted(Selection(methods=("projection",)), compare="plk")
+    with tempfile.TemporaryDirectory() as folder:
+        path = save_review(dataset, Path(folder) / "compared.rrd", wanted=wanted).path
+        viewer_picture(path, "pair", number, HERE / "review-compare.jpg")
 
 
 def review_pair(dataset: Dataset) -> None:
@@ -146,5 +156,6 @@ if __name__ == "__main__":
     report(opened)
     overlay(opened)
     review(opened)
+    compared(opened)
     if len(sys.argv) > 2:
         review_pair(Dataset.open(Path(sys.argv[2])))

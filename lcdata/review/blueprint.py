@@ -75,7 +75,7 @@ def blueprint(
         ]
     if lanes or plots:
         rows = [*lanes, *plots]
-        high = min(8.0, 1.2 * (2 + len(shown.trials.methods)))  # a lane for each method
+        high = min(9.0, 1.5 * (2 + len(shown.trials.methods)))  # a lane for each method
         shares = [*([high] if lanes else []), *([5.0] * len(plots))]
         below.insert(0, rrb.Vertical(*rows, row_shares=shares))
     return rrb.Blueprint(

@@ -50,7 +50,7 @@ def hosted(
         What makes recordings, and what tells whether a reader has closed the viewer.
 
     Raises:
-        ReportError: No display, or a viewer that is not there.
+        ReportError: No display, or a viewer that is not there or ends with an error.
     """
     if not in_browser:
         check_display("--live cannot open a viewer")
@@ -72,6 +72,10 @@ def hosted(
 
     try:
         yield recorder, lambda: process.poll() is not None
+        if code := process.poll():
+            raise ReportError(
+                f"Rerun's viewer ended with code {code}", "its messages above say what it lacks"
+            )
     finally:
         process.terminate()
         try:

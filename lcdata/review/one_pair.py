@@ -20,10 +20,10 @@ from lcdata.features.nid_landscape import (
 )
 from lcdata.review import colours, names
 from lcdata.review.blending import Blending, encoded
+from lcdata.review.frustum import frustum
 from lcdata.review.landscape_figure import draw
 from lcdata.review.one_pair_blueprint import blueprint
 from lcdata.review.one_pair_text import landscape_text, reading_text
-from lcdata.review.pairs import frustum
 from lcdata.review.save import recorded
 from lcdata.review.shown import Shown
 from lcdata.review.summary import pair_text

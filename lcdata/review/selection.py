@@ -175,7 +175,7 @@ def order_text(selection: Selection, of: int, shown: int, compared: bool) -> str
     parts = []
     if shown < of:
         parts.append(f"Shown are {count_text(shown, 'pair')} of {of}: `{selection.text()}`.")
-    elif selection.methods:
+    elif selection.methods and not compared:
         parts.append(f"Filter: `{selection.text()}`.")
     if selection.worst:
         what = "where the two differ most" if compared else "where the methods do worst"

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from lcdata.geometry import se3
 from lcdata.geometry.camera import Camera
 from lcdata.review import colours
+from lcdata.review.frustum import frustum
 from lcdata.review.overlay import (
     clip_segments,
     image_strips,
@@ -15,7 +16,6 @@ from lcdata.review.overlay import (
     project_segments,
     project_strips,
 )
-from lcdata.review.pairs import frustum
 
 CAMERA = Camera("pinhole", 100, 80, (60.0, 60.0, 50.0, 40.0))
 LENSES = (
