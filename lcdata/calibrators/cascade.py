@@ -18,6 +18,7 @@ from lcdata.calibrators.polish import Polished, confirm, polish
 from lcdata.calibrators.registry import create
 from lcdata.calibrators.uncertainty import too_uncertain
 from lcdata.errors import CalibrationError, LcdataError
+from lcdata.features.wide_frames import scenes
 from lcdata.pair import Pair
 
 Array = NDArray[np.float64]
@@ -116,11 +117,10 @@ class Cascade(Calibrator):
             first = both[0]
             steps.append(f"{both[0].by} and {both[1].by} agree")
         trusted = first is not None
-        candidates = [first] if first else [f for f in findings if f.usable]
-        if not trusted:  # a guess that is near may be better than what a wide search ends at
-            candidates.append(Finding("initial guess", _untouched(T_initial)))
-        polished = [(f, self._polished(pairs, ready, f)) for f in candidates]
-        best, confirmed = max(polished, key=lambda item: _contrast(item[1]))
+        if first is None:
+            best, confirmed = self._least_bad(pairs, ready, T_initial, findings)
+        else:
+            best, confirmed = first, self._polished(pairs, ready, first)
         result, accepted, words = self._concluded(best, confirmed)
         steps.append(words)
         undetermined = too_uncertain(result.covariance, *self._limits(best))
@@ -131,6 +131,33 @@ class Cascade(Calibrator):
             seconds=time.perf_counter() - started,
             message="; ".join(steps + undetermined),
         )
+
+    def _least_bad(
+        self,
+        pairs: Sequence[Pair],
+        ready: Sequence[Prepared],
+        T_initial: Array,
+        findings: Sequence[Finding],
+    ) -> tuple[Finding, Polished | None]:
+        """What to return where nothing is trusted: a finding, refined.
+
+        Of several scenes that of `wide`, if intensities and edges speak for it: it has weighed the
+        whole box on all of them, while a wrong pose that is refined may stand out as well as a
+        right one. Else whatever stands out most, and be it the guess: one that is near may be
+        better than what a wide search ends at.
+        """
+        usable = [f for f in findings if f.usable]
+        signatures = [each.features["wide"].signature for each in ready if "wide" in each.features]
+        several = len(scenes(signatures)) > 1
+        polished = []
+        for finding in reversed(usable):  # `wide` is the last that is tried
+            confirmed = self._polished(pairs, ready, finding)
+            if several and finding.by in SAME_DATA and _contrast(confirmed) >= MIN_CONTRAST:
+                return finding, confirmed
+            polished.append((finding, confirmed))
+        guess = Finding("initial guess", _untouched(T_initial))
+        polished.append((guess, self._polished(pairs, ready, guess)))
+        return max(polished, key=lambda item: _contrast(item[1]))
 
     def _limits(self, best: Finding) -> tuple[float, float]:
         """Largest predicted standard deviations of a trusted result, metres and degrees."""
