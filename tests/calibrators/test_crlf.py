@@ -141,7 +141,7 @@ def test_a_network_gives_both_masks(tmp_path, pair, monkeypatch):
     model = network(tmp_path / "model.onnx", weights, lane.shape)
     classes = {"lane": [1], "pole": [2], "mean": [0, 0, 0], "std": [1, 1, 1]}
     coloured = replace(pair, image=painted)
-    image = given_masks(coloured, "", model, classes, False)
+    image = given_masks(coloured, "", model, classes, "never")
     assert image.lane.any()
     result = lcdata.calibrate(coloured, None, method="crlf", model=str(model), classes=classes)
     degrees, metres = errors(result, pair)
