@@ -86,11 +86,11 @@ def crossing(options):
     print("opencalib_crossing with its mask (seconds: features + estimate)")
     pair, masks = real_pair(folder, "calib"), str(folder / "mask.jpg")
     seeds = options.seeds
-    for contours in (False, True):
+    for contours in ("auto", "never", "always"):
         kept = {"masks": masks, "contours": contours}
         coarse, search = create("crlf", refine="none", **kept), create("crlf", **kept)
         random = create("crlf", refine="random", **kept)
-        label = ", contours moved" if contours else ""
+        label = f", contours {contours}"
         trial(coarse, [pair], None)
         report(f"coarse, from nothing{label}", [trial(coarse, [pair], None)], 3.0, 0.5)
         trial(search, [pair], None)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 REFINEMENTS = ("search", "random", "none")
-COARSE = ("auto", "always", "never")
+WHETHER = ("auto", "always", "never")
 
 CANDIDATES, KEPT = 60, 5
 """Poses of the coarse calibration a pair that are ranked, and those that are refined."""
@@ -54,7 +54,8 @@ class Crlf(Calibrator):
         masks: A mask file, or a folder with `<pair_id>.png`: white where lanes and poles are.
         model: An ONNX file of a semantic segmentation.
         classes: Of the model: `{"lane": [numbers], "pole": [numbers]}`.
-        contours: Move the masks' borders onto the image's edges first.
+        contours: Move the masks' borders onto the image's edges first: `"auto"` (where they lie
+            beside them), `"always"` or `"never"`.
         coarse: `"auto"` (only without an initial guess), `"always"` (also with one: the better
             wins) or `"never"`.
         reach_m: Largest distance of the camera from the LiDAR, for the coarse calibration.
@@ -75,12 +76,13 @@ class Crlf(Calibrator):
     """
 
     name: ClassVar[str] = "crlf"
+    version: ClassVar[int] = 2
     needs_initial: ClassVar[bool] = False
 
     masks: str = ""
     model: str = ""
     classes: Mapping[str, Sequence[int]] | None = None
-    contours: bool = False
+    contours: str = "auto"
     coarse: str = "auto"
     reach_m: float = 2.0
     refine: str = "search"
@@ -99,7 +101,8 @@ class Crlf(Calibrator):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, known in (("refine", REFINEMENTS), ("coarse", COARSE)):
+        choices = {"refine": REFINEMENTS, "coarse": WHETHER, "contours": WHETHER}
+        for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise CalibrationError(
                     f"method {self.name!r}: {name} is {getattr(self, name)!r}",

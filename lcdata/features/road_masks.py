@@ -23,13 +23,16 @@ CONTRAST = 12.0
 
 TURNS = 2
 
+ON_EDGE = 0.9
+"""Gradient at a mask's border, as a share of the largest one near it, that shows it on an edge."""
+
 
 def given_masks(
     pair: Pair,
     masks: str | os.PathLike[str],
     model: str | os.PathLike[str],
     classes: Mapping[str, Sequence[int]] | None,
-    contours: bool,
+    contours: str = "never",
 ) -> RoadImage:
     """Lanes and poles of one pair's image.
 
@@ -38,7 +41,8 @@ def given_masks(
         masks: See `lcdata.features.mask_files.mask_file`; or "".
         model: See `lcdata.features.segmentation.segment`; used without masks.
         classes: Of the model.
-        contours: Whether to move borders onto the image's edges.
+        contours: Whether to move borders onto the image's edges: always, never, or where they lie
+            beside (auto).
 
     Raises:
         CalibrationError: Masks or a model that cannot be used.
@@ -55,10 +59,41 @@ def given_masks(
             for mask in segment(pair.image, model, classes)
         ]
     pinhole = camera.undistorted()
-    if contours:
+    if contours != "never":
         grey = worked(_grey(pair.image), camera)
-        found = [snapped(mask, grey, max(pinhole.pixels_per_radian)) for mask in found]
+        focal = max(pinhole.pixels_per_radian)
+        found = [
+            snapped(mask, grey, focal)
+            if contours == "always" or beside(mask, grey, focal)
+            else mask
+            for mask in found
+        ]
     return road_image(found[0], found[1] if len(found) > 1 else None, pinhole)
+
+
+def beside(mask: Mask, grey: Bytes, focal: float) -> bool:
+    """Whether a mask's borders lie beside the image's edges rather than on them.
+
+    The image's gradient across the border is averaged by the distance from it: it is largest at a
+    border that lies on edges, and farther off at one that is displaced or drawn too wide.
+
+    Args:
+        mask: (h, w).
+        grey: (h, w) uint8 image.
+        focal: Pixels a radian.
+    """
+    import cv2
+
+    reach = max(2, round(WINDOW * focal))
+    deep = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
+    far = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+    light = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    slope = np.hypot(*(cv2.Sobel(light, cv2.CV_32F, *d, ksize=3) for d in ((1, 0), (0, 1))))
+    depth = np.where(mask, deep - 0.5, 0.5 - far)
+    near = np.abs(depth) < reach
+    ring = np.floor(depth[near]).astype(np.int64) + reach
+    mean = np.bincount(ring, slope[near]) / np.maximum(np.bincount(ring), 1)
+    return bool(mean[reach - 1 : reach + 1].max() < ON_EDGE * mean.max())
 
 
 def _grey(image: Bytes) -> Bytes:

@@ -136,4 +136,4 @@ def _stored(frame: Frame, folder: Path) -> str:
 
 def _method(frame: Frame, masks: str, parameters: dict[str, Any]) -> Calibrator:
     exact = frame.pole is not None  # then nothing is to be moved onto edges of the image
-    return create("crlf", masks=masks, contours=not exact, **parameters)
+    return create("crlf", masks=masks, contours="never" if exact else "always", **parameters)

@@ -44,13 +44,19 @@ def pair():
     return world.made(SEEDS[0])[0]
 
 
+@pytest.fixture(scope="module")
+def kept(pair, folder):
+    """Features of the pair, the same whatever is done with them."""
+    return create("crlf", masks=str(folder)).prepare(pair)
+
+
 def write(path, mask):
     assert cv2.imwrite(str(path), mask)
     return str(path)
 
 
-def test_it_needs_no_guess(pair, folder):
-    result = lcdata.calibrate([pair], None, method="crlf", masks=str(folder))
+def test_it_needs_no_guess(pair, folder, kept):
+    result = create("crlf", masks=str(folder)).calibrate([pair], None, [kept])
     degrees, metres = errors(result, pair)
     assert degrees < 0.3
     assert metres < 0.06
@@ -61,26 +67,26 @@ def test_it_needs_no_guess(pair, folder):
     assert se3.sigma_distance(result.T_camera_lidar, pair.T_camera_lidar, result.covariance) < 5
 
 
-def test_coarse_calibration_alone_is_near(pair, folder):
-    result = lcdata.calibrate([pair], None, method="crlf", masks=str(folder), refine="none")
+def test_coarse_calibration_alone_is_near(pair, folder, kept):
+    method = create("crlf", masks=str(folder), refine="none")
+    result = method.calibrate([pair], None, [kept])
     degrees, metres = errors(result, pair)
     assert degrees < 3
     assert metres < 0.5
 
 
-def test_the_search_improves_a_guess(pair, folder):
+def test_the_search_improves_a_guess(pair, folder, kept):
     initial = perturb(pair.T_camera_lidar, 1.0, 0.1, np.random.default_rng(5))
-    result = create("crlf", masks=str(folder)).calibrate([pair], initial)
+    result = create("crlf", masks=str(folder)).calibrate([pair], initial, [kept])
     degrees, metres = errors(result, pair)
     assert degrees < 0.3
     assert metres < 0.08
     assert result.cost_final < result.cost_initial
 
 
-def test_algorithm_1_raises_the_papers_cost(pair, folder):
+def test_algorithm_1_raises_the_papers_cost(pair, folder, kept):
     initial = perturb(pair.T_camera_lidar, 1.0, 0.1, np.random.default_rng(5))
-    method = create("crlf", masks=str(folder), refine="random", random_count=3000)
-    kept = method.prepare(pair)
+    method = create("crlf", masks=str(folder), refine="random", random_count=1000)
     found = method.calibrate([pair], initial, [kept]).T_camera_lidar
     data = stack(together([kept.view]), initial[None])
     before, after = cost_j(data, np.stack([initial, found]))
@@ -141,7 +147,7 @@ def test_a_network_gives_both_masks(tmp_path, pair, monkeypatch):
     model = network(tmp_path / "model.onnx", weights, lane.shape)
     classes = {"lane": [1], "pole": [2], "mean": [0, 0, 0], "std": [1, 1, 1]}
     coloured = replace(pair, image=painted)
-    image = given_masks(coloured, "", model, classes, False)
+    image = given_masks(coloured, "", model, classes, "never")
     assert image.lane.any()
     result = lcdata.calibrate(coloured, None, method="crlf", model=str(model), classes=classes)
     degrees, metres = errors(result, pair)
@@ -149,12 +155,12 @@ def test_a_network_gives_both_masks(tmp_path, pair, monkeypatch):
     assert metres < 0.06
 
 
-def test_features_can_be_kept(pair, folder):
+def test_features_can_be_kept(pair, folder, kept):
     import pickle
 
     method = create("crlf", masks=str(folder))
-    kept = pickle.loads(pickle.dumps(method.prepare(pair)))
-    result, again = method.calibrate([pair], None, [kept]), method.calibrate([pair], None)
+    stored = pickle.loads(pickle.dumps(kept))
+    result, again = method.calibrate([pair], None, [stored]), method.calibrate([pair], None)
     np.testing.assert_array_equal(result.T_camera_lidar, again.T_camera_lidar)
 
 
@@ -169,6 +175,27 @@ def test_bare_roads_are_refused(tmp_path, pair):
         with pytest.raises(CalibrationError, match=said) as raised:
             lcdata.calibrate(pair, None, method="crlf", masks=path)
         assert raised.value.remedy
+
+
+def test_one_lane_in_the_image_is_refused(tmp_path, pair):
+    mask = world.white(world.made(SEEDS[0])[2])
+    height, width = mask.shape
+    cv2.line(mask, (width // 4, height - 1), (width // 2 - 20, height // 2 + 40), 255, 7)
+    path = write(tmp_path / "mask.png", mask)
+    with pytest.raises(CalibrationError, match="one lane in the image's mask"):
+        lcdata.calibrate(pair, None, method="crlf", masks=path)
+
+
+def test_lanes_that_are_not_parallel_are_refused(folder, pair):
+    small = Camera("pinhole", 96, 48, (56, 56, 48, 24))
+    scene = world.Road((), ((15.0, 8.0, 0.1, 6.0), (20.0, -8.0, 0.1, 6.0)))
+    bare = world.road_pair(1, scene=scene, camera=small, T=pair.T_camera_lidar)[0]
+    x, y = bare.points[:, 0], bare.points[:, 1]
+    painted = (np.abs(y - 2.0) < 0.15) | (np.abs(0.8 * (y + 4.0) - 0.6 * (x - 4.0)) < 0.15)
+    light = np.where(painted, 60.0, 12.0).astype(np.float32)
+    other = replace(pair, points=bare.points, intensity=light, ring=None)
+    with pytest.raises(CalibrationError, match="lanes in the cloud are not parallel"):
+        lcdata.calibrate(other, None, method="crlf", masks=str(folder))
 
 
 @pytest.mark.parametrize(
@@ -202,6 +229,7 @@ def test_clouds_without_lanes_or_poles_are_refused(folder, pair, scene, said):
         ({"masks": "a", "model": "b"}, None, "give one"),
         ({"refine": "magic"}, None, "refine is 'magic'"),
         ({"coarse": "perhaps"}, None, "coarse is 'perhaps'"),
+        ({"contours": True}, None, "contours is True"),
         ({"reach_m": -1.0}, None, "reach_m is -1.0"),
         ({"random_count": 1.5}, None, "random_count is 1.5"),
     ],
@@ -217,10 +245,10 @@ def test_masks_of_another_size_are_refused(tmp_path, pair):
         lcdata.calibrate(pair, None, method="crlf", masks=mask)
 
 
-def test_nothing_in_view_is_no_success(pair, folder):
+def test_nothing_in_view_is_no_success(pair, folder, kept):
     away = pair.T_camera_lidar.copy()
     away[:3, :3] = se3.exp([0, 0, 0, 0, np.pi, 0])[:3, :3] @ away[:3, :3]
-    result = lcdata.calibrate(pair, away, method="crlf", masks=str(folder))
+    result = create("crlf", masks=str(folder)).calibrate([pair], away, [kept])
     assert not result.converged
     assert np.isfinite(result.T_camera_lidar).all()
     assert result.message

@@ -15,7 +15,7 @@ from lcdata.features.road_image import (
     worked,
     working_camera,
 )
-from lcdata.features.road_masks import snapped
+from lcdata.features.road_masks import beside, snapped
 from lcdata.geometry import se3
 
 SEED = 3
@@ -119,3 +119,14 @@ def test_marks_and_poles_are_found_without_a_mask(masks, twist):
     assert (found.pole & near).sum() > 0.7 * found.pole.sum()
     assert (found.lane & lane).sum() > 0.3 * lane.sum()
     assert (found.pole & pole).sum() > 0.3 * pole.sum()
+
+
+@pytest.mark.parametrize("shift", [0, 3])
+def test_borders_are_known_to_lie_beside_edges(shift):
+    truth = drawn([(100, 280, 180, 120), (300, 20, 300, 200)], 9)
+    noise = np.random.default_rng(0).normal(0, 6, truth.shape)
+    grey = np.clip(np.where(truth, 200, 90) + noise, 0, 255).astype(np.uint8)
+    assert beside(np.roll(truth, shift, 1), grey, 600.0) == (shift > 0)
+    wide = cv2.dilate(truth.astype(np.uint8), np.ones((5, 5))) > 0
+    assert beside(wide, grey, 600.0)
+    assert not beside(truth, np.full(truth.shape, 90, np.uint8), 600.0)
