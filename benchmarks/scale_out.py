@@ -73,7 +73,7 @@ def workers(count):
     one = dict.fromkeys(THREAD_VARIABLES, "1")
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "600s"}):
         cluster = distributed.LocalCluster(
-            count, threads_per_worker=1, dashboard_address=None, silence_logs=50, env=one
+            count, threads_per_worker=1, dashboard_address=":0", silence_logs=50, env=one
         )
         client = distributed.Client(cluster, set_as_default=False)
         client.wait_for_workers(count, timeout=120)

@@ -111,7 +111,7 @@ def _own_cluster(count: int) -> Iterator[Client]:
             cluster = distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
-                dashboard_address=None,
+                dashboard_address=":0",
                 silence_logs=logging.CRITICAL,
                 env=dict.fromkeys(THREAD_VARIABLES, "1"),
             )

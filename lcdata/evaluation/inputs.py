@@ -15,10 +15,14 @@ Checksum = Callable[[Path], str | None]
 """sha256 of a file; None if it cannot be read."""
 
 
-def parameter_files(method: Calibrator) -> dict[str, Path]:
+def parameter_files(method: Calibrator, folder: Path = Path()) -> dict[str, Path]:
     """Parameters that name a file or folder that is there: masks, the model of a network.
 
     Such a parameter is a `Path`, or a string that is not its default.
+
+    Args:
+        method: The method.
+        folder: What relative names are relative to.
     """
     found: dict[str, Path] = {}
     known: tuple[dataclasses.Field[Any], ...] = (
@@ -27,9 +31,25 @@ def parameter_files(method: Calibrator) -> dict[str, Path]:
     for field in known:
         value = getattr(method, field.name)
         named = isinstance(value, str) and value not in {"", field.default}
-        if (named or isinstance(value, Path)) and _exists(Path(value)):
-            found[field.name] = Path(value)
+        if named or isinstance(value, Path):
+            path = folder / Path(value).expanduser()
+            if _exists(path):
+                found[field.name] = path
     return found
+
+
+def located(method: Calibrator, folder: Path) -> Calibrator:
+    """A method whose parameters name files by their full paths: workers may be elsewhere.
+
+    Args:
+        method: The method.
+        folder: What relative names are relative to; those that are not there are left as they are.
+    """
+    places = {
+        name: type(getattr(method, name))(path.resolve())
+        for name, path in parameter_files(method, folder).items()
+    }
+    return dataclasses.replace(method, **places) if places else method  # type: ignore[type-var]
 
 
 def file_contents(method: Calibrator, of: Checksum = checksum) -> dict[str, str]:

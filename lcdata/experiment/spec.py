@@ -20,6 +20,7 @@ from lcdata.dataset import schema
 from lcdata.dataset.remote import is_url
 from lcdata.errors import CalibrationError, ExperimentError
 from lcdata.evaluation.automatic import source_of
+from lcdata.evaluation.inputs import located
 from lcdata.evaluation.protocol import Protocol
 from lcdata.experiment.sweep import swept
 
@@ -269,7 +270,8 @@ class _Reader:
                 raise self._wrong(
                     ("methods", i), f"method {twice[0]!r} is given twice", "give each a `label`"
                 )
-            methods |= variants
+            folder = self.path.resolve().parent
+            methods |= {label: located(method, folder) for label, method in variants.items()}
         return methods
 
 

@@ -56,7 +56,7 @@ def cluster() -> Iterator[Any]:
         made = distributed.LocalCluster(
             2,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address=":0",
             silence_logs=50,
             env={"PYTHONPATH": places},
         )
@@ -207,7 +207,7 @@ def test_no_workers_and_no_scheduler_any_more(
 ) -> None:
     monkeypatch.setattr(dispatch, "WORKERS_S", 1.0)
     monkeypatch.setattr(dispatch, "ANSWER_S", 2.0)
-    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as empty:
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as empty:
         executor = cluster_executor(empty.scheduler_address)
         with pytest.raises(CalibrationError, match="no workers that can be used"):
             run_trials(dataset, [Blobs()], executor=executor)

@@ -70,6 +70,8 @@ def test_files_that_parameters_name_are_part_of_a_trial(write: Write, masks: Pat
     assert computed(path) == 8 and computed(path) == 0
     moved = masks.rename(masks.with_name("elsewhere"))  # the same content
     assert computed(write(methods=[{"masked": {"masks": str(moved)}}])) == 0
+    here = load_experiment(write(methods=[{"masked": {"masks": "elsewhere"}}])).methods["masked"]
+    assert here == Masked(masks=str(moved))  # beside the experiment file, wherever one runs it
     (moved / "hall" / "1.png").rename(moved / "hall" / "2.png")
     assert computed(path.with_name("experiment.yaml")) == 8
 
