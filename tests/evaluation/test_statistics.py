@@ -10,6 +10,7 @@ from scipy import stats
 
 from lcdata.evaluation.statistics import (
     FEWEST_UNITS,
+    RESAMPLES,
     holm,
     median_interval,
     rate_interval,
@@ -137,3 +138,16 @@ def test_holm_by_hand() -> None:
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.6, 0.7]) == [1.0, 1.0]
     assert holm([]) == []
+
+
+def test_median_interval_is_that_of_medians_of_whole_resamples() -> None:
+    """Ties, infinite values and units of different sizes; each resample written out."""
+    rng = np.random.default_rng(3)
+    units = [unit for unit in range(9) for _ in range(1 + unit % 4)]
+    values = np.round(rng.lognormal(size=len(units)), 1)
+    values[rng.random(len(units)) < 0.3] = np.inf
+    of_unit = [values[np.array(units) == unit] for unit in range(9)]
+    drawn = np.random.default_rng(0).integers(9, size=(RESAMPLES, 9))
+    medians = np.sort([np.median(np.concatenate([of_unit[u] for u in row])) for row in drawn])
+    cut = int(0.025 * RESAMPLES)
+    assert median_interval(values, units) == (medians[cut], medians[-1 - cut])
