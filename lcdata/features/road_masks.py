@@ -88,11 +88,15 @@ def beside(mask: Mask, grey: Bytes, focal: float) -> bool:
     deep = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
     far = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
     light = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    slope = np.hypot(*(cv2.Sobel(light, cv2.CV_32F, *d, ksize=3) for d in ((1, 0), (0, 1))))
-    depth = np.where(mask, deep - 0.5, 0.5 - far)
-    near = np.abs(depth) < reach
-    ring = np.floor(depth[near]).astype(np.int64) + reach
-    mean = np.bincount(ring, slope[near]) / np.maximum(np.bincount(ring), 1)
+    near = np.flatnonzero(cv2.add(deep, far) < reach + 0.5)
+    across, down = (
+        cv2.Sobel(light, cv2.CV_32F, *d, ksize=3).ravel()[near] for d in ((1, 0), (0, 1))
+    )
+    slope = np.hypot(across, down)
+    # Depths of -0.5 and 0.5 are those of the pixels on both sides of the border.
+    depth = np.where(mask.ravel()[near], deep.ravel()[near] - 0.5, 0.5 - far.ravel()[near])
+    ring = np.floor(depth).astype(np.int64) + reach
+    mean = np.bincount(ring, slope) / np.maximum(np.bincount(ring), 1)
     return bool(mean[reach - 1 : reach + 1].max() < ON_EDGE * mean.max())
 
 
@@ -120,14 +124,16 @@ def snapped(mask: Mask, grey: Bytes, focal: float) -> Mask:
     window = (4 * reach + 1,) * 2
     light = grey.astype(np.float32)
     total = cv2.blur(light, window)
-    near = cv2.dilate(mask.astype(np.uint8), disc) > 0
+    near = np.flatnonzero(cv2.dilate(mask.astype(np.uint8), disc))
+    grey_near, total_near = light.ravel()[near], total.ravel()[near]
+    mask = mask.copy()
     for _ in range(TURNS):
         share = mask.astype(np.float32)
-        part = cv2.blur(share, window)
-        inside = cv2.blur(light * share, window)
-        outside = (total - inside) / np.maximum(1.0 - part, 1e-3)
+        part = cv2.blur(share, window).ravel()[near]
+        inside = cv2.blur(light * share, window).ravel()[near]
+        outside = (total_near - inside) / np.maximum(1.0 - part, 1e-3)
         inside = inside / np.maximum(part, 1e-3)
-        clear = near & (np.abs(inside - outside) > CONTRAST) & (part > 1e-3) & (part < 0.999)
-        nearer = np.abs(light - inside) < np.abs(light - outside)
-        mask = np.where(clear, nearer, mask)
+        clear = (np.abs(inside - outside) > CONTRAST) & (part > 1e-3) & (part < 0.999)
+        nearer = np.abs(grey_near - inside) < np.abs(grey_near - outside)
+        mask.ravel()[near[clear]] = nearer[clear]
     return np.asarray(cv2.medianBlur(mask.astype(np.uint8), 3) > 0)
