@@ -76,6 +76,7 @@ def follow(
         )
     count, go_on = 0, True
     while go_on:
+        go_on = False  # where the viewer is closed meanwhile
         with recorder() as recording:
             count, go_on = _follow_run(recording, dataset, options, ended, tell, progress)
     return count

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from lcdata.dataset.atomic import write_atomically
 from lcdata.errors import ReportError
-from lcdata.review.save import new_recording, recorded
+from lcdata.review.save import check_whole, new_recording, recorded
 from lcdata.review.viewer import check_display, live_command, viewer_url
 
 if TYPE_CHECKING:
@@ -61,17 +61,23 @@ def hosted(
         print(viewer_url(web=web, grpc=grpc), flush=True)
     address = f"rerun+http://127.0.0.1:{grpc}/proxy"
 
+    def gone() -> bool:
+        return process.poll() is not None
+
     @contextmanager
     def recorder() -> Iterator[rr.RecordingStream]:
         if path is None:
-            with _streamed(name, address, None) as recording:
+            with _streamed(name, address, None, gone) as recording:
                 yield recording
             return
-        with write_atomically(path) as temporary, _streamed(name, address, temporary) as recording:
+        with (
+            write_atomically(path) as temporary,
+            _streamed(name, address, temporary, gone) as recording,
+        ):
             yield recording
 
     try:
-        yield recorder, lambda: process.poll() is not None
+        yield recorder, gone
         if code := process.poll():
             raise ReportError(
                 f"Rerun's viewer ended with code {code}", "its messages above say what it lacks"
@@ -86,8 +92,13 @@ def hosted(
 
 
 @contextmanager
-def _streamed(name: str, address: str, path: Path | None) -> Iterator[rr.RecordingStream]:
-    """A recording that goes to a viewer or server, and to a file if there is one."""
+def _streamed(
+    name: str, address: str, path: Path | None, gone: Callable[[], bool]
+) -> Iterator[rr.RecordingStream]:
+    """A recording that goes to a viewer or server, and to a file if there is one.
+
+    It ends quietly when the viewer is gone: a reader has closed it, and the file is kept.
+    """
     import rerun as rr
 
     recording = new_recording(name, recording_id=f"{name}-{time.time_ns()}")
@@ -99,7 +110,15 @@ def _streamed(name: str, address: str, path: Path | None) -> Iterator[rr.Recordi
         recording.send_recording_name(name)
         yield recording
         recording.flush(timeout_sec=FLUSH_S)
+        recording.disconnect()
+        if path is not None:
+            check_whole(path)
     except (RuntimeError, ValueError) as error:
+        recording.disconnect()
+        if gone():
+            if path is not None:
+                check_whole(path)
+            return
         raise ReportError(
             f"the viewer at {address} does not take what it is sent ({error})",
             "it may have been closed",

@@ -150,8 +150,6 @@ def recorded(path: Path, name: str) -> Iterator[rr.RecordingStream]:
     Raises:
         ReportError: Rerun could not write all of it.
     """
-    from rerun.chunk import RrdReader
-
     recording = new_recording(name)
     try:
         recording.save(path)
@@ -159,7 +157,7 @@ def recorded(path: Path, name: str) -> Iterator[rr.RecordingStream]:
         yield recording
         recording.flush()
         recording.disconnect()
-        RrdReader(path).store()  # reads the index at the end, which a full disk cuts off
+        check_whole(path)
     except (RuntimeError, ValueError) as error:  # what Rerun raises when it cannot write
         free = shutil.disk_usage(path.parent).free / 1e6
         raise ReportError(
@@ -168,6 +166,17 @@ def recorded(path: Path, name: str) -> Iterator[rr.RecordingStream]:
         ) from error
     finally:
         recording.disconnect()
+
+
+def check_whole(path: Path) -> None:
+    """Read the index at the end of a recording, which a full disk cuts off.
+
+    Raises:
+        ValueError: It is not there.
+    """
+    from rerun.chunk import RrdReader
+
+    RrdReader(path).store()
 
 
 def new_recording(name: str, recording_id: str | None = None) -> rr.RecordingStream:
