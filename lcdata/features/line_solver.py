@@ -129,7 +129,8 @@ def solve_decoupled(
         r, J, t, _ = system.evaluate(T)
         weights, _ = cauchy(0.5 * (r * r + t * t))
         root = weights[:, None] ** 0.5
-        theta, p = np.zeros(3), T[:3, 3].copy()
+        theta: Array = np.zeros(3)
+        p: Array = T[:3, 3]
         if hold != ROTATION:
             theta = -np.linalg.lstsq(J * root, r * root[:, 0], rcond=1e-12)[0]
         R = exp(np.concatenate([np.zeros(3), theta]))[:3, :3] @ T[:3, :3]
