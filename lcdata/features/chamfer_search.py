@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from lcdata.features.distance_fields import NEAR, chamfer
@@ -282,10 +283,27 @@ def low_discrepancy(count: int, seed: int, dimensions: int = 6) -> Array:
 
 def _different(places: Array, costs: Array, count: int, apart: float) -> NDArray[np.int64]:
     """Indices of the best places, none closer than `apart` to a better one, best first."""
-    chosen: list[int] = []
-    for i in np.argsort(costs, kind="stable"):
-        if not chosen or np.abs(places[chosen] - places[i]).max(1).min() > apart:
-            chosen.append(int(i))
-            if len(chosen) == count:
+    order = np.argsort(costs, kind="stable")
+    return np.asarray(_thinned(np.ascontiguousarray(places), order, count, apart))
+
+
+@njit(cache=True)
+def _thinned(places, order, count, apart):  # type: ignore[no-untyped-def]
+    """The first `count` places in an order of which none is near one before it."""
+    chosen = np.empty(count, np.int64)
+    found = 0
+    for i in order:
+        near = False
+        for k in range(found):
+            away = 0.0
+            for axis in range(places.shape[1]):
+                away = max(away, abs(places[chosen[k], axis] - places[i, axis]))
+            near = away <= apart
+            if near:
                 break
-    return np.array(chosen, np.int64)
+        if not near:
+            chosen[found] = i
+            found += 1
+            if found == count:
+                break
+    return chosen[:found]

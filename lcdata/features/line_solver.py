@@ -130,13 +130,13 @@ def solve_decoupled(
         weights, _ = cauchy(0.5 * (r * r + t * t))
         root = weights[:, None] ** 0.5
         theta: Array = np.zeros(3)
-        p: Array = T[:3, 3].copy()
+        p: Array = T[:3, 3]
         if hold != ROTATION:
-            theta = -np.asarray(np.linalg.lstsq(J * root, r * root[:, 0], rcond=1e-12)[0], float)
+            theta = np.asarray(-np.linalg.lstsq(J * root, r * root[:, 0], rcond=1e-12)[0], float)
         R = exp(np.concatenate([np.zeros(3), theta]))[:3, :3] @ T[:3, :3]
         if hold != TRANSLATION:
             b = np.einsum("nc,nc->n", system.A, system.middle @ R.T)
-            p = -np.linalg.lstsq(system.A * root, b * root[:, 0], rcond=1e-12)[0]
+            p = np.asarray(-np.linalg.lstsq(system.A * root, b * root[:, 0], rcond=1e-12)[0], float)
         moved = float(np.abs(theta).max()) + 0.1 * float(np.abs(p - T[:3, 3]).max())
         T[:3, :3], T[:3, 3] = R, p
         if moved < 1e-8:

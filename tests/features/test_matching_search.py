@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from line_scene import CAMERA, errors, features, perturbed, world
 
+from lcdata.features import chamfer_search
 from lcdata.features.chamfer_search import (
     COARSE,
     FINEST,
@@ -126,3 +127,14 @@ def test_no_lines_at_all():
     assert np.isfinite(poses).all()
     assert objective(poses, FINEST).max() == 0.0
     assert refine([pair], np.eye(4), solve_projection)[0] is None
+
+
+def test_different_places_are_those_of_a_plain_search():
+    rng = np.random.default_rng(0)
+    for count, apart in ((40, 0.0), (40, 0.3), (300, 0.9)):
+        places, costs = rng.normal(size=(400, 6)), rng.random(400)
+        wanted: list[int] = []
+        for i in np.argsort(costs):
+            if all(np.abs(places[k] - places[i]).max() > apart for k in wanted):
+                wanted.append(int(i))
+        assert chamfer_search._different(places, costs, count, apart).tolist() == wanted[:count]
