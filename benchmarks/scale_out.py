@@ -36,10 +36,8 @@ from lcdata.evaluation.cluster import cluster_executor
 from lcdata.evaluation.pool import THREAD_VARIABLES
 from lcdata.experiment import load_experiment, run_experiment, status
 
-EXPERIMENT = {
-    "methods": ["projection", "plk"],
-    "starts": [{"rotation_deg": [1, 3, 5], "translation_m": 0.2}],
-}
+METHODS = {"methods": ["projection", "plk"]}
+STARTS = {"starts": [{"rotation_deg": [1, 3, 5], "translation_m": 0.2}]}
 
 
 def simulated(folder: Path, pairs: int) -> Path:
@@ -59,7 +57,7 @@ def written(
 ) -> Path:
     """The experiment file."""
     path = folder / f"{store}.yaml"
-    content = {"datasets": [dataset], "trials": trials, "store": store, **EXPERIMENT, **more}
+    content = {"datasets": [dataset], "trials": trials, "store": store, **METHODS, **STARTS, **more}
     path.write_text(yaml.safe_dump(content))
     return path
 
@@ -73,7 +71,7 @@ def workers(count):
     one = dict.fromkeys(THREAD_VARIABLES, "1")
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "600s"}):
         cluster = distributed.LocalCluster(
-            count, threads_per_worker=1, dashboard_address=":0", silence_logs=50, env=one
+            n_workers=count, threads_per_worker=1, dashboard_address=":0", silence_logs=50, env=one
         )
         client = distributed.Client(cluster, set_as_default=False)
         client.wait_for_workers(count, timeout=120)
@@ -119,7 +117,9 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--trials", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--methods", nargs="*", default=METHODS["methods"])
     options = parser.parse_args()
+    METHODS["methods"] = options.methods
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         dataset = {"path": str((options.dataset or simulated(folder, options.pairs)).resolve())}

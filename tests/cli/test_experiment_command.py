@@ -138,8 +138,9 @@ def test_ctrl_c_on_dask_leaves_what_goes_on(lcdata, experiment):
         finally:
             left = _left(process.pid)
     assert not left
-    done = lcdata("experiment", "status", experiment).stdout.split()[2]
-    assert 10 < int(done.partition("/")[0]) < 160
+    from lcdata.experiment import Store
+
+    assert 0 < len(Store.open(trials.parent).keys()) < 200
 
 
 def test_help_has_an_example(lcdata):

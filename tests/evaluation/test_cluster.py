@@ -54,7 +54,7 @@ def cluster() -> Iterator[Any]:
     places = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "600s"}):
         made = distributed.LocalCluster(
-            2,
+            n_workers=2,
             threads_per_worker=1,
             dashboard_address=":0",
             silence_logs=50,
