@@ -7,7 +7,7 @@
 Guesses are wrong by 5 degrees and 0.5 m on each axis with random signs (of real frames also by what
 `--from` says). Errors of simulated pairs
 are against their exact truth; each seed is another layout, rig and noise. Each protocol is a row of
-a table in docs/benchmarks.md: what (of real frames method, frames and start), successes (within 0.5
+a Markdown table: what (of real frames method, frames and start), successes (within 0.5
 deg and 0.1 m), medians, worst, called converged, and wrongly so, median of the seconds (processor
 time of one thread, features included). `sigmas` is the root mean square of the errors in predicted
 standard deviations over all six components, 2.4 if the covariance is right.

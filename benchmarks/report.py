@@ -21,8 +21,6 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.pop(0)  # this folder, whose packaging.py is not the package that matplotlib imports
-
 from lcdata.calibrators.base import LineMatches
 from lcdata.dataset import Dataset, schema
 from lcdata.dataset.atomic import write_json, write_parquet

@@ -155,7 +155,9 @@ def run(benchmark: Benchmark) -> Run:
     """Run one command and echo it. Raises SystemExit where it fails: nothing is kept then."""
     load = os.getloadavg()[0]
     scratch = tempfile.mkdtemp(prefix="lcdata-benchmarks-")
-    command = benchmark.command.format(work=scratch, shared=HERE.parents[1] / "shared" / "data")
+    command = benchmark.command.format(
+        work=scratch, dataset=f"{scratch}/dataset", shared=HERE.parents[1] / "shared" / "data"
+    )
     program, *arguments = shlex.split(command)
     start = (
         [sys.executable, "-m", "lcdata"]
@@ -166,6 +168,14 @@ def run(benchmark: Benchmark) -> Run:
     lines = []
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1", "COLUMNS": "140"}
     try:
+        if "{dataset}" in benchmark.command:
+            build = ["build", str(HERE.parent / "recordings"), "-o", f"{scratch}/dataset"]
+            subprocess.run(
+                [sys.executable, "-m", "lcdata", *build],
+                check=True,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
         with subprocess.Popen(
             [*start, *arguments], stdout=subprocess.PIPE, text=True, env=environment
         ) as process:

@@ -109,8 +109,6 @@ def timed(path: Path, address: str, client) -> dict[str, float]:
 
 
 def main() -> None:
-    # packaging.py beside this file is not the library of that name, which Dask needs
-    sys.path[:] = [p for p in sys.path if Path(p).resolve() != Path(__file__).resolve().parent]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--dataset", type=Path)
     parser.add_argument("--scenario", nargs="*", default=[])

@@ -9,7 +9,7 @@ Real frames are those of ../shared/data/kitti_road beside the checkout; where th
 part is skipped, and said so. Five frames are the first and the last five of the ten; other numbers
 are drawn by seed. Guesses are wrong by the given error on each axis with random signs. Times are
 processor time of one thread, after the kernels are compiled: `prepare` of all frames, and the rest.
-Each protocol is a row of the table of roads in docs/benchmarks.md: method, frames, start, successes
+Each protocol is a row of a Markdown table: method, frames, start, successes
 (within 0.5 deg and 0.1 m), medians, worst, called converged, and wrongly so, median of the seconds.
 `sigmas` is the root mean square of the successes' errors in predicted standard deviations over all
 six components, 2.4 if the covariance is right.

@@ -1,6 +1,6 @@
 """Packaging a recording: time against reading and writing its raw bytes, and peak memory.
 
-    python benchmarks/packaging.py [--format mcap ros1] [--gigabytes 1.5] [--folder /tmp]
+    python benchmarks/packaging_speed.py [--format mcap ros1] [--gigabytes 1.5] [--folder /tmp]
 
 Writes a simulated recording of full-size scans (128x2048 points in the Ouster driver's 48-byte
 layout, JPEGs of 1280x720, joint states at 100 Hz) whose dwells cover nearly all of it: the hard
