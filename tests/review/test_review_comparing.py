@@ -35,7 +35,10 @@ def rooms(tmp_path_factory):
         moved = replace(r, T_camera_lidar_estimated=T) if not r.failed else r
         better.append(replace(moved, run=LATER).against(pose))
     write_run(results_path(dataset, LATER), better)
-    os.utime(results_path(dataset, RUN))
+    age = results_path(dataset, RUN).stat().st_mtime
+    os.utime(
+        results_path(dataset, LATER), (age - 1.0, age - 1.0)
+    )  # the file system's clock ticks slowly
     return dataset
 
 
