@@ -146,9 +146,18 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str:
-    command = ["git", "describe", "--always", "--dirty"]
-    done = subprocess.run(command, cwd=HERE, capture_output=True, text=True, check=False)
-    return f"commit {done.stdout.strip()}" if done.returncode == 0 else "no commit"
+    """The commit that is measured, and whether the package has changes that are not in it."""
+
+    def git(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            ["git", *arguments], cwd=HERE.parent, capture_output=True, text=True, check=False
+        )
+
+    found = git("rev-parse", "--short", "HEAD")
+    if found.returncode:
+        return "no commit"
+    changed = git("status", "--porcelain", "lcdata", "benchmarks/*.py").stdout.strip()
+    return f"commit {found.stdout.strip()}{' and changes' if changed else ''}"
 
 
 def run(benchmark: Benchmark) -> Run:
