@@ -69,7 +69,7 @@ class Figure:
     def target(self) -> str:
         """What the figure should reach, in words."""
         if self.at_most is not None:
-            return f"{self.at_most:g} or less"
+            return f"{self.at_most:g} or less" if self.at_most else "none"
         return f"{self.at_least:g} or more" if self.at_least is not None else ""
 
     def verdict(self, value: float) -> str:
