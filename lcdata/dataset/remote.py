@@ -129,10 +129,14 @@ class _Files:
                 raise
             raise DatasetError(f"{place}: not there", "check the URL") from error
         except Exception as error:  # each protocol has errors of its own
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise DatasetError(
-                f"{place}: cannot be read ({reason})", "check the URL, the network and permissions"
-            ) from error
+            raise self._unreadable(name, error) from error
+
+    def _unreadable(self, name: str, error: Exception) -> DatasetError:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        return DatasetError(
+            f"{self.url}/{name}: cannot be read ({reason})",
+            "check the URL, the network and permissions",
+        )
 
     def copy(self, name: str, folder: Path, optional: bool = False) -> None:
         content = self.read(name, optional)
@@ -140,17 +144,29 @@ class _Files:
         (folder / name).write_bytes(content)
 
     def below(self, folder: str) -> list[str]:
-        """Files in one of its folders; none where there is no such folder or no way to list it."""
+        """Files in one of its folders; none where there is no such folder or no way to list it.
+
+        Raises:
+            DatasetError: It cannot be listed, and not because a web server has no lists.
+        """
         try:
             found = self.system.find(f"{self.root}/{folder}")
-        except Exception:  # as above
+        except (FileNotFoundError, NotImplementedError):
             return []
+        except Exception as error:  # each protocol has errors of its own
+            if _is_web(self.url):
+                return []
+            raise self._unreadable(folder, error) from error
         return [str(name)[len(self.root) :].lstrip("/") for name in found]
+
+
+def _is_web(url: str) -> bool:
+    return url.lower().startswith(("http://", "https://"))
 
 
 def _options(url: str) -> dict[str, Any]:
     """No endless wait for a web server."""
-    if not url.lower().startswith(("http://", "https://")):
+    if not _is_web(url):
         return {}
     with suppress(ImportError):
         from aiohttp import ClientTimeout
